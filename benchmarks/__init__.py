@@ -1,0 +1,5 @@
+"""Speed and quality beside what a user would pick instead, measured side by side on one machine.
+
+``scripts/bench kernels`` compares the kernels and the engine, ``scripts/bench streets`` the pipeline; the tables go to
+the terminal and, as Markdown, to ``benchmarks/results``.
+"""

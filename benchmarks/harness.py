@@ -1,0 +1,194 @@
+"""How contestants of one case are timed side by side.
+
+All contestants of a case take turns, round by round, so that a change of the machine's mood meets all of them alike.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import gc
+import statistics
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+# Options of glibc's mallopt; at their largest values, as here after a measurement, freed arrays are used again.
+_TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
+
+Call = Callable[[int], Any]
+"""Does the work once with so many threads; returns the result."""
+
+Build = Callable[[], Call]
+"""Imports the library and prepares the input, untimed."""
+
+
+class Unsuitable(Exception):  # noqa: N818 - it is an answer, not an error
+    """A library has nothing for this work; the text says what it lacks."""
+
+
+@dataclass(frozen=True)
+class Contestant:
+    """One way to do a case's work.
+
+    Attributes
+    ----------
+    name
+        As in the table.
+    build
+        Makes the call; an ImportError or `Unsuitable` in it skips the contestant.
+    ours
+        Whether it is tilepipe's.
+    serial
+        Whether it can use only one core, so that one measurement serves both columns.
+    share
+        Share of the case's work that it does, for those too slow to do all of it.
+    note
+        What else a reader must know.
+    """
+
+    name: str
+    build: Build
+    ours: bool = False
+    serial: bool = False
+    share: float = 1.0
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Case:
+    """The same work for all contestants.
+
+    Attributes
+    ----------
+    name
+        As in the table.
+    unit
+        Of the rate, such as ``Mpx/s``.
+    work
+        Millions of units to be done.
+    traffic
+        Bytes of all arrays that the kernel must read or write, each counted once.
+    contestants
+        Ours and the peers.
+    aim
+        Rate that ours should reach on all cores.
+    """
+
+    name: str
+    unit: str
+    work: float
+    traffic: int
+    contestants: Sequence[Contestant]
+    aim: float | None = None
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """Times of one contestant in seconds, per number of threads; ``skipped`` says why there are none."""
+
+    contestant: Contestant
+    all_cores: list[float] = field(default_factory=list)
+    one_core: list[float] = field(default_factory=list)
+    peak: int | None = None
+    skipped: str = ""
+
+    def rate(self, case: Case, *, one_core: bool = False, best: bool = False) -> float:
+        """Millions of units per second, of the median or the shortest time."""
+        times = self.one_core if one_core else self.all_cores
+        seconds = min(times) if best else statistics.median(times)
+        return case.work * self.contestant.share / seconds
+
+
+def measure(
+    case: Case, *, workers: int, repetitions: int = 3, peers: bool = True, patience: float = 20.0
+) -> list[Measurement]:
+    """Time all contestants of a case.
+
+    Parameters
+    ----------
+    case
+        What to measure.
+    workers
+        Threads of the column "all cores".
+    repetitions
+        Rounds after the warm-up.
+    peers
+        Whether the peers run too.
+    patience
+        Seconds; a contestant whose warm-up takes longer is timed by a single round, its memory not at all.
+
+    Returns
+    -------
+    list of Measurement
+        In the order of the contestants.
+    """
+    found = [_warmed_up(contestant, workers, peers) for contestant in case.contestants]
+    for number in range(repetitions):
+        for measurement, call, warm in found:
+            if call is None or (number > 0 and warm > patience):
+                continue
+            measurement.all_cores.append(_seconds(call, workers))
+            if workers > 1 and not measurement.contestant.serial:
+                measurement.one_core.append(_seconds(call, 1))
+    return [
+        replace(
+            m,
+            one_core=m.one_core or m.all_cores,
+            peak=_peak_memory(call, workers) if call and warm <= patience else None,
+        )
+        for m, call, warm in found
+    ]
+
+
+def _warmed_up(contestant: Contestant, workers: int, peers: bool) -> tuple[Measurement, Call | None, float]:
+    """Build and call once: compilers, caches and lazy imports are not measured."""
+    if not (contestant.ours or peers):
+        return Measurement(contestant, skipped="peers were not asked for"), None, 0.0
+    try:
+        call = contestant.build()
+    except ImportError as error:
+        return Measurement(contestant, skipped=f"not installed: {error.name or error}"), None, 0.0
+    except Unsuitable as reason:
+        return Measurement(contestant, skipped=str(reason)), None, 0.0
+    return Measurement(contestant), call, _seconds(call, workers)
+
+
+def _seconds(call: Call, workers: int) -> float:
+    gc.collect()
+    start = time.perf_counter()
+    result = call(workers)
+    seconds = time.perf_counter() - start
+    del result
+    return seconds
+
+
+def _peak_memory(call: Call, workers: int) -> int | None:
+    """Most memory in bytes that a call adds to the process, its result included; None where glibc is not below.
+
+    The input is there already and does not count.
+    """
+    try:
+        allocator = ctypes.CDLL(None).mallopt
+        gc.collect()
+        # What earlier calls have freed stays with the process, so arrays must come fresh from the system to be seen.
+        allocator(_MMAP_THRESHOLD, 1 << 16)
+        Path("/proc/self/clear_refs").write_text("5")
+    except (OSError, AttributeError):
+        return None
+    before = _status("VmRSS")
+    result = call(workers)
+    peak = _status("VmHWM") - before
+    del result
+    allocator(_TRIM_THRESHOLD, 64 << 20)
+    allocator(_MMAP_THRESHOLD, 32 << 20)
+    return max(peak, 0)
+
+
+def _status(name: str) -> int:
+    """A size of this process from the kernel's books, in bytes."""
+    for line in Path("/proc/self/status").read_text().splitlines():
+        if line.startswith(f"{name}:"):
+            return int(line.split()[1]) * 1024
+    raise OSError(f"no {name}")

@@ -1,0 +1,106 @@
+"""Grey levels of a whole raster from integer histograms, which add up over tiles in any order.
+
+A float32 is counted by the leading bits of its ordered bit pattern, so one set of bins serves 8-bit, 16-bit and float
+rasters of any range with a relative width of 2⁻¹⁰, and no first look at the range is needed.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tilepipe_kernels.compiled import loop
+
+_SHIFT = 13
+BINS = 1 << (32 - _SHIFT)
+"""Number of bins of a histogram."""
+
+_SIGN = np.uint32(0x80000000)
+_ALL = np.uint32(0xFFFFFFFF)
+
+
+@loop
+def _count(bits: NDArray[np.uint32], values: NDArray[np.float32], counts: NDArray[np.int64]) -> None:
+    for i in range(bits.size):
+        if values[i] == values[i]:
+            pattern = bits[i]
+            ordered = (pattern ^ _ALL) if pattern & _SIGN else (pattern ^ _SIGN)
+            counts[ordered >> np.uint32(_SHIFT)] += 1
+
+
+def histogram(block: NDArray[Any]) -> NDArray[np.int64]:
+    """Count the values of a block in bins that are the same for every raster.
+
+    Parameters
+    ----------
+    block
+        Values of any real dtype, converted to float32; NaN is not counted.
+
+    Returns
+    -------
+    ndarray of int64, shape (BINS,)
+        Counts; the bins are ordered by value.
+    """
+    values = np.ascontiguousarray(block, dtype=np.float32).reshape(-1)
+    counts = np.zeros(BINS, np.int64)
+    _count(values.view(np.uint32), values, counts)
+    return counts
+
+
+def bin_values(bins: NDArray[np.integer[Any]]) -> NDArray[np.float32]:
+    """Smallest value (float32) of each bin number: exact for integers of up to ten bits."""
+    ordered = bins.astype(np.uint32) << np.uint32(_SHIFT)
+    pattern = np.where(ordered & _SIGN, ordered ^ _SIGN, ordered ^ _ALL).astype(np.uint32)
+    return pattern.view(np.float32)
+
+
+def percentile(counts: NDArray[np.int64], percent: float) -> float:
+    """Value below or at which ``percent`` of the counted values lie (lower bin edge).
+
+    Raises
+    ------
+    ValueError
+        When nothing was counted.
+    """
+    cumulative = np.cumsum(counts)
+    if cumulative[-1] == 0:
+        raise ValueError("the histogram is empty")
+    target = max(1, int(np.ceil(cumulative[-1] * (percent / 100.0))))
+    return float(bin_values(np.array([np.searchsorted(cumulative, target)]))[0])
+
+
+def otsu_classes(counts: NDArray[np.int64]) -> tuple[int, float, float]:
+    """Split a histogram of equally wide bins in two classes (Otsu 1979).
+
+    Parameters
+    ----------
+    counts
+        Counts per bin.
+
+    Returns
+    -------
+    tuple
+        Last bin of the lower class, and the mean bin of the lower and of the upper class.
+
+    Raises
+    ------
+    ValueError
+        When fewer than two bins are filled.
+    """
+    if np.count_nonzero(counts) < 2:
+        raise ValueError("the raster holds a single grey value")
+    bins = np.arange(counts.size, dtype=np.float64)
+    weight = np.cumsum(counts).astype(np.float64)
+    moment = np.cumsum(counts * bins)
+    lower, upper = weight[:-1], weight[-1] - weight[:-1]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        separation = np.where(
+            (lower > 0) & (upper > 0),
+            lower * upper * (moment[:-1] / lower - (moment[-1] - moment[:-1]) / upper) ** 2,
+            -1.0,
+        )
+    split = int(np.argmax(separation))
+    below, above = moment[split] / weight[split], (moment[-1] - moment[split]) / (weight[-1] - weight[split])
+    return split, float(below), float(above)

@@ -1,0 +1,156 @@
+"""Cleaning of street masks: opening and closing by exact discs, filling of specks; all of bounded reach."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from .compiled import loop
+from .distance import distance_squared, mask_bytes
+
+
+def halo(radius: float) -> int:
+    """Pixels around a block that `open_mask` and `close_mask` can depend on: two discs."""
+    return 2 * _reach(radius)
+
+
+def speck_halo(size: int) -> int:
+    """Pixels around a block that `fill_specks` can depend on."""
+    return size
+
+
+def open_mask(mask: NDArray[Any], radius: float) -> NDArray[np.bool_]:
+    """Remove what a disc does not fit into: erosion, then dilation, by all offsets with d <= radius.
+
+    Parameters
+    ----------
+    mask
+        Shape (rows, columns), bool or integer; nonzero is foreground.
+    radius
+        Radius of the disc in pixels, 0 or more; 0 changes nothing.
+
+    Returns
+    -------
+    ndarray of bool, shape (rows, columns)
+        Union of all discs inside the mask.  Beyond the array lies neither foreground nor background.
+
+    Raises
+    ------
+    ValueError
+        For a mask that is no 2-D array of bool or integers, or a negative radius.
+    """
+    return _dilated(_eroded(mask_bytes(mask), radius), radius)
+
+
+def close_mask(mask: NDArray[Any], radius: float) -> NDArray[np.bool_]:
+    """Fill gaps that a disc does not fit into: the opening of the background; see :func:`open_mask`."""
+    return _eroded(_dilated(mask_bytes(mask), radius), radius)
+
+
+def fill_specks(mask: NDArray[Any], size: int) -> NDArray[np.bool_]:
+    """Fill small holes: 4-connected parts of the background whose bounding box fits in ``size × size``.
+
+    The bounding box, unlike the area, is bounded in reach, so that the result does not depend on the tiling.
+
+    Parameters
+    ----------
+    mask
+        Shape (rows, columns), bool or integer; nonzero is foreground.
+    size
+        Side of the square window, in pixels.
+
+    Returns
+    -------
+    ndarray of bool, shape (rows, columns)
+        The mask and its specks.  A part that touches the array's border is no hole and stays.
+
+    Raises
+    ------
+    ValueError
+        For a mask that is no 2-D array of bool or integers, or a size below 1.
+    """
+    if size < 1:
+        raise ValueError(f"size must be 1 pixel or more, not {size}")
+    labels = np.empty(np.shape(mask), np.int32)
+    count = ndimage.label(mask_bytes(mask) == 0, output=labels)
+    return _small_or_masked(labels, count, size)
+
+
+def grey_halo(half_width: int) -> int:
+    """Pixels around a block that `open_grey` can depend on: two squares."""
+    return 2 * half_width
+
+
+def open_grey(block: NDArray[Any], half_width: int) -> NDArray[np.float32]:
+    """Grey opening by a square: the highest surface below the block into which the square fits everywhere.
+
+    Of heights it leaves the ground and takes away what is narrower than the square, such as trees and roofs.
+
+    Parameters
+    ----------
+    block
+        Heights, shape (rows, columns), any real dtype; NaN is ignored.
+    half_width
+        The square has 2 * half_width + 1 pixels a side.
+
+    Returns
+    -------
+    ndarray of float32, shape (rows, columns)
+        The opening; NaN where a whole square around a pixel is missing.
+
+    Raises
+    ------
+    ValueError
+        When the block is not two-dimensional or `half_width` is negative.
+    """
+    values = np.asarray(block, np.float32)
+    if values.ndim != 2 or half_width < 0:
+        raise ValueError(
+            f"opening needs a two-dimensional block and half_width >= 0, not {values.ndim} and {half_width}"
+        )
+    size, missing = 2 * half_width + 1, np.isnan(values)
+    lowest = ndimage.minimum_filter(np.where(missing, np.float32(np.inf), values), size, mode="nearest")
+    opened = ndimage.maximum_filter(np.where(np.isinf(lowest), -lowest, lowest), size, mode="nearest")
+    return np.where(np.isinf(opened), np.float32(np.nan), opened)
+
+
+def _reach(radius: float) -> int:
+    if not 0 <= radius < math.inf:
+        raise ValueError(f"radius must be 0 pixels or more, not {radius}")
+    return math.ceil(radius)
+
+
+def _eroded(mask: NDArray[Any], radius: float) -> NDArray[np.bool_]:
+    return distance_squared(mask, max(1, _reach(radius))) > radius * radius
+
+
+def _dilated(mask: NDArray[Any], radius: float) -> NDArray[np.bool_]:
+    return distance_squared(mask == 0, max(1, _reach(radius))) <= radius * radius
+
+
+@loop
+def _small_or_masked(labels: NDArray[np.int32], count: int, size: int) -> NDArray[np.bool_]:
+    """Foreground (label 0), or a part off the border whose bounding box is at most `size` wide and high."""
+    rows, columns = labels.shape
+    top, bottom = np.full(count + 1, rows, np.int32), np.full(count + 1, -1, np.int32)
+    left, right = np.full(count + 1, columns, np.int32), np.full(count + 1, -1, np.int32)
+    for i in range(rows):
+        for j in range(columns):
+            part = labels[i, j]
+            if part != 0:
+                top[part] = min(top[part], i)
+                bottom[part] = max(bottom[part], i)
+                left[part] = min(left[part], j)
+                right[part] = max(right[part], j)
+    filled = np.ones((rows, columns), np.bool_)
+    for i in range(rows):
+        for j in range(columns):
+            k = labels[i, j]
+            if k != 0:
+                inside = top[k] > 0 and left[k] > 0 and bottom[k] < rows - 1 and right[k] < columns - 1
+                filled[i, j] = inside and bottom[k] - top[k] < size and right[k] - left[k] < size
+    return filled

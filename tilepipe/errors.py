@@ -1,0 +1,11 @@
+"""The errors that a user can mend."""
+
+from __future__ import annotations
+
+
+class InputError(ValueError):
+    """Something the user gave cannot be used; the message says what is wrong and what to do (exit code 2)."""
+
+
+class TileError(RuntimeError):
+    """A tile of a pass failed; the message names the tile and the cause (exit code 1)."""

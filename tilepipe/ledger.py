@@ -1,0 +1,103 @@
+"""Which tiles of which pass are done, and what facts they left: the files that make a run resumable.
+
+A finished tile leaves one file ``<pass>/<tile>.facts`` written aside and renamed, which holds its facts and the
+checksums of all that it wrote elsewhere.  On resume the file is read and the checksums are compared with what lies
+on disk; a tile that does not verify is computed again.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import zlib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Facts = dict[str, NDArray[Any]]
+
+_SUFFIX = ".facts"
+
+
+def checksum(array: NDArray[Any]) -> int:
+    """CRC-32 of an array's values, shape and type."""
+    header = f"{array.dtype.str}{array.shape}".encode()
+    return zlib.crc32(np.ascontiguousarray(array).reshape(-1).view(np.uint8).data, zlib.crc32(header))
+
+
+def write_whole(path: Path, data: bytes) -> None:
+    """Write a file so that it appears under its name only when complete."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    aside = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        aside.write_bytes(data)
+        os.replace(aside, path)
+    except BaseException:
+        aside.unlink(missing_ok=True)
+        raise
+
+
+def pack(arrays: Mapping[str, NDArray[Any]]) -> bytes:
+    """Named arrays as bytes: a CRC-32, then an uncompressed ``.npz``."""
+    buffer = io.BytesIO()
+    np.savez(buffer, allow_pickle=False, **dict(arrays))
+    body = buffer.getvalue()
+    return zlib.crc32(body).to_bytes(4, "little") + body
+
+
+def unpack(data: bytes) -> Facts:
+    """Named arrays back from `pack`.
+
+    Raises
+    ------
+    ValueError
+        When the bytes are damaged or cut short.
+    """
+    if len(data) < 4 or zlib.crc32(data[4:]) != int.from_bytes(data[:4], "little"):
+        raise ValueError("damaged or incomplete file")
+    with np.load(io.BytesIO(data[4:]), allow_pickle=False) as archive:
+        return {name: archive[name] for name in archive.files}
+
+
+@dataclass(frozen=True)
+class Ledger:
+    """The facts of one pass, one file a tile, in ``folder``."""
+
+    folder: Path
+
+    def path(self, tile_name: str) -> Path:
+        """File of a tile's facts."""
+        return self.folder / f"{tile_name}{_SUFFIX}"
+
+    def record(self, tile_name: str, facts: Facts) -> None:
+        """Mark a tile as done, with its facts."""
+        write_whole(self.path(tile_name), pack(facts))
+
+    def facts(self, tile_name: str) -> Facts:
+        """Facts of a finished tile.
+
+        Raises
+        ------
+        ValueError
+            When the file is damaged.
+        FileNotFoundError
+            When the tile is not done.
+        """
+        return unpack(self.path(tile_name).read_bytes())
+
+    def forget(self, tile_name: str) -> None:
+        """Mark a tile as not done."""
+        self.path(tile_name).unlink(missing_ok=True)
+
+    def done(self) -> set[str]:
+        """Names of the tiles marked as done (not yet verified)."""
+        if not self.folder.is_dir():
+            return set()
+        return {path.name[: -len(_SUFFIX)] for path in self._files()}
+
+    def _files(self) -> Iterator[Path]:
+        return (p for p in self.folder.iterdir() if p.name.endswith(_SUFFIX) and not p.name.startswith("."))

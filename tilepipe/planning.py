@@ -1,0 +1,117 @@
+"""What a run will need, before any work: tiles, halos, and memory against the limit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from tilepipe.errors import InputError
+from tilepipe.options import RunOptions, format_memory
+from tilepipe.passes import Pass
+from tilepipe.raster import Raster
+
+_BASE = 350 << 20
+"""Memory of the interpreter, the libraries and GDAL's caches."""
+
+_PER_SEAM_PIXEL = 160
+"""Global facts (edges of cores, region table, seam graph) per pixel of the seams, in bytes."""
+
+_PER_TILE = 1 << 20
+"""Global facts that do not depend on the tile's size, in bytes."""
+
+_PER_MEGAPIXEL = 200_000
+"""Fragment tables and the batch of lines being written, in bytes per Mpx of raster."""
+
+
+@dataclass(frozen=True)
+class PassPlan:
+    """One pass: its name, halo in pixels, share of pixels read more than once, memory of all workers in bytes."""
+
+    name: str
+    halo: int
+    overhead: float
+    memory: int
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a run will do and need."""
+
+    command: str
+    shape: tuple[int, int]
+    resolution: float
+    tile_shape: tuple[int, int]
+    tiles: int
+    workers: int
+    passes: tuple[PassPlan, ...]
+    global_memory: int
+    limit: int
+
+    @property
+    def memory(self) -> int:
+        """Peak memory in bytes: interpreter, the hungriest pass on all workers with halos, and all global facts."""
+        return _BASE + max(p.memory for p in self.passes) + self.global_memory
+
+    def check(self, options: RunOptions) -> None:
+        """Refuse a run that needs more memory than allowed.
+
+        Raises
+        ------
+        InputError
+            Says how much is needed and which tile size or number of workers would fit.
+        """
+        if self.memory <= options.memory:
+            return
+        raise InputError(
+            f"the run needs about {format_memory(self.memory)} but --memory is {format_memory(options.memory)}; "
+            f"use a smaller --tile than {options.tile}, fewer --workers than {self.workers}, or a larger --memory"
+        )
+
+    def text(self) -> str:
+        """The plan for people."""
+        rows, columns = self.shape
+        lines = [
+            f"{self.command}: {rows} × {columns} pixels of {self.resolution:.3g} m "
+            f"({rows * columns / 1e6:.1f} Mpx), {self.tiles} tiles of {self.tile_shape[0]} × {self.tile_shape[1]}",
+            f"{'pass':<12}{'halo (px)':>10}{'read twice':>12}{'memory':>12}",
+        ]
+        for item in self.passes:
+            lines.append(f"{item.name:<12}{item.halo:>10}{item.overhead:>12.0%}{format_memory(item.memory):>12}")
+        lines.append(
+            f"peak memory about {format_memory(self.memory)} with {self.workers} workers "
+            f"(global facts {format_memory(self.global_memory)}); limit {format_memory(self.limit)}"
+        )
+        return "\n".join(lines)
+
+
+def plan_passes(command: str, raster: Raster, passes: Sequence[Pass], options: RunOptions) -> Plan:
+    """Plan a run of several passes on one tiling."""
+    grid = passes[0].grid
+    rows, columns = grid.counts
+    seams = (rows - 1) * grid.shape[1] + (columns - 1) * grid.shape[0]
+    megapixels = math.prod(grid.shape) / 1e6
+    global_memory = int(2 * seams * _PER_SEAM_PIXEL + len(grid) * _PER_TILE // 16 + megapixels * _PER_MEGAPIXEL)
+    workers = min(options.workers, len(grid))
+    plans = tuple(
+        PassPlan(
+            job.name,
+            job.halo,
+            math.prod(min(t + 2 * job.halo, s) for t, s in zip(grid.tile_shape, grid.shape, strict=True))
+            / math.prod(min(t, s) for t, s in zip(grid.tile_shape, grid.shape, strict=True))
+            - 1,
+            job.memory() * workers,
+        )
+        for job in passes
+    )
+    return Plan(
+        command,
+        grid.shape,
+        raster.geometry.resolution,
+        grid.tile_shape,
+        len(grid),
+        workers,
+        plans,
+        global_memory,
+        options.memory,
+    )

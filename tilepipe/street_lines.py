@@ -1,0 +1,238 @@
+"""Second pass of `streets`: centerline fragments of a tile, by ridge lines and by skeleton."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tilepipe.grid import Tile, TileGrid, Window
+from tilepipe.ledger import Facts
+from tilepipe.passes import StateArray, write_state
+from tilepipe.street_levels import GreyScale
+from tilepipe.street_parameters import StreetParameters
+from tilepipe.street_segments import GREY_STEPS
+from tilepipe_kernels import morphology, ridges, skeleton, tracing
+from tilepipe_kernels.region_table import select_labels
+
+NODATA = 4294967295
+"""Region id of nodata pixels in ``streets.tif``."""
+
+RIDGE, AXIS = "ridge", "axis"
+"""Prefixes of the facts of the two ways to centerlines."""
+
+
+@dataclass(frozen=True)
+class LineContext:
+    """What the pass needs to know; picklable.
+
+    ``low`` is the lower threshold of the line response in grey levels per pixel²; lengths of the parameters are
+    turned into pixels by ``resolution`` (m).
+    """
+
+    parameters: StreetParameters
+    scale: GreyScale
+    grid: TileGrid
+    labels: StateArray
+    grey: StateArray
+    streets: StateArray
+    lookup: Path
+    offsets: tuple[int, ...]
+    resolution: float
+    low: float
+
+    def pixels(self, metres: float) -> float:
+        """A length in pixels."""
+        return metres / self.resolution
+
+    @property
+    def cap(self) -> int:
+        """Half the width of the widest street in whole pixels."""
+        return max(2, math.ceil(self.pixels(self.parameters.maximum_width) / 2))
+
+    @property
+    def sigma(self) -> float:
+        """Scale of the ridge lines in pixels."""
+        return max(1.0, self.pixels(self.parameters.sigma))
+
+
+def halo(parameters: StreetParameters, resolution: float) -> int:
+    """Pixels that the pass reads around a core."""
+    cleaning = morphology.halo(parameters.closing_radius / resolution) + morphology.halo(
+        parameters.opening_radius / resolution
+    )
+    cleaning += morphology.speck_halo(speck_pixels(parameters, resolution))
+    sigma = max(1.0, parameters.sigma / resolution)
+    width = parameters.maximum_width / resolution
+    ridge = ridges.halo(sigma, width)
+    cap = max(2, math.ceil(parameters.maximum_width / resolution / 2))
+    return cleaning + max(ridge, skeleton.halo(cap) + 2)
+
+
+def read_regions(context: LineContext, window: Window) -> NDArray[np.uint32]:
+    """Published region ids (0 = none) of a window of pixels, put together from the tiles that it touches."""
+    lookup = np.load(context.lookup, mmap_mode="r")
+    rows, columns = context.parameters.rectangle_rows, context.parameters.rectangle_columns
+    top, left = window.top // rows, window.left // columns
+    coarse = Window(top, left, -(-window.bottom // rows), -(-window.right // columns))
+    coarse = coarse.intersection(Window(0, 0, *context.labels.grid.shape))
+    ids = np.empty(coarse.shape, np.uint32)
+    for tile in context.labels.grid.overlapping(coarse):
+        part = tile.core.intersection(coarse)
+        start, stop = context.offsets[tile.number], context.offsets[tile.number + 1]
+        table = np.concatenate([np.zeros(1, np.uint32), lookup[start:stop]])
+        ids[part.relative_to(coarse).slices] = select_labels(context.labels.read(part), table)
+    if (rows, columns) != (1, 1):
+        ids = np.repeat(np.repeat(ids, rows, axis=0), columns, axis=1)
+    return ids[window.top - top * rows :, window.left - left * columns :][: window.rows, : window.columns]
+
+
+def read_streets(
+    context: LineContext, tile: Tile
+) -> tuple[NDArray[np.uint32], NDArray[np.uint16], NDArray[np.bool_], NDArray[np.float32]]:
+    """Region ids, stored grey, cleaned mask and grey image of the streets of a padded tile."""
+    ids = read_regions(context, tile.padded)
+    packed = context.grey.read(tile.padded)
+    if not ids.any():
+        return (
+            ids,
+            packed,
+            np.zeros(ids.shape, np.bool_),
+            np.full(ids.shape, context.scale.bright, np.float32),
+        )
+    mask = _clean(context, ids > 0)
+    return ids, packed, mask, street_image(context, mask, ids, packed)
+
+
+def find_lines(context: LineContext, tile: Tile) -> Facts:
+    """Tile function: publish the region ids of the core, trace the fragments of both ways to centerlines."""
+    ids, packed, mask, image = read_streets(context, tile)
+    inner = tile.core_in_padded.slices
+    published = np.where(packed[inner] & 1, np.uint32(NODATA), ids[inner])
+    facts = write_state({"streets": context.streets}, tile, {"streets": published})
+    return facts | _ridge_lines(context, tile, mask, image, ids) | _medial_axis(context, tile, mask, image, ids)
+
+
+def _clean(context: LineContext, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Regions with gaps closed, specks filled and whiskers opened (step 6 of the method)."""
+    p = context.parameters
+    cleaned = morphology.close_mask(mask, context.pixels(p.closing_radius))
+    if speck := speck_pixels(p, context.resolution):
+        cleaned = morphology.fill_specks(cleaned, speck)
+    return morphology.open_mask(cleaned, context.pixels(p.opening_radius))
+
+
+def speck_pixels(parameters: StreetParameters, resolution: float) -> int:
+    """Side of the square that a filled hole fits in, in pixels; 0 = none is filled."""
+    return math.floor(parameters.speck_size / resolution)
+
+
+def street_image(
+    context: LineContext, mask: NDArray[np.bool_], ids: NDArray[np.uint32], packed: NDArray[np.uint16]
+) -> NDArray[np.float32]:
+    """Grey image of the streets alone: their own grey inside, the mean of the bright class outside.
+
+    Inside, what is darker than the mean of the dark class counts as that mean, so that shaded borders do not attract
+    the line.  Both flanks being equally bright, the ridge is where the street's axis is: no asymmetry, no bias.
+    """
+    dark, bright = np.float32(context.scale.dark), np.float32(context.scale.bright)
+    grey = (packed >> 1).astype(np.float32) * np.float32(1 / GREY_STEPS)
+    # bridged gaps have no grey of their own; that of a dropped region must not count, some tilings do not keep it
+    grey[ids == 0] = dark
+    limit = max(dark, min(np.float32(context.scale.threshold), bright))
+    return np.where(mask, np.clip(grey, dark, limit), bright)
+
+
+def _ridge_lines(
+    context: LineContext,
+    tile: Tile,
+    mask: NDArray[np.bool_],
+    image: NDArray[np.float32],
+    ids: NDArray[np.uint32],
+) -> Facts:
+    """Fragments of Steger's ridge lines."""
+    sigma = context.sigma
+    near = tile.core.padded(ridges.LINK_RADIUS, context.grid.shape).relative_to(tile.padded)
+    wanted = np.zeros(mask.shape, np.bool_)
+    wanted[near.slices] = mask[near.slices]
+    points = ridges.line_points(image, sigma, low=context.low, mask=wanted)
+    links = np.zeros(mask.shape, np.uint8)
+    links[points.row, points.col] = ridges.link_points(points)
+    core = tile.core_in_padded
+    inside = (
+        (points.row >= core.top)
+        & (points.row < core.bottom)
+        & (points.col >= core.left)
+        & (points.col < core.right)
+        & (links[points.row, points.col] > 0)
+    )
+    points = points.take(np.flatnonzero(inside))
+    widths = ridges.line_widths(image, points, sigma, maximum_width=context.pixels(context.parameters.maximum_width))
+    values = {
+        "dx": points.dx,
+        "dy": points.dy,
+        "response": points.response,
+        "width": widths.left + widths.right,
+        "contrast": widths.contrast,
+        "region": ids[points.row, points.col].astype(np.float32),
+    }
+    flat = points.row.astype(np.int64) * mask.shape[1] + points.col
+    return _fragments(RIDGE, links, tile, context, values, flat)
+
+
+def _medial_axis(
+    context: LineContext,
+    tile: Tile,
+    mask: NDArray[np.bool_],
+    image: NDArray[np.float32],
+    ids: NDArray[np.uint32],
+) -> Facts:
+    """Fragments of the skeleton."""
+    axis, squared = skeleton.medial_axis_and_distance(
+        mask,
+        cap=context.cap,
+        separation=context.pixels(context.parameters.separation),
+        origin=tile.padded.origin,
+    )
+    links = skeleton.skeleton_links(axis)
+    row, col = np.nonzero(links)
+    zero = np.zeros(row.size, np.float32)
+    contrast = np.float32(context.scale.bright) - image[row, col]
+    values = {
+        "dx": zero,
+        "dy": zero,
+        "response": zero,
+        "width": skeleton.width_at(squared[row, col]),
+        "contrast": contrast,
+        "region": ids[row, col].astype(np.float32),
+    }
+    return _fragments(AXIS, links, tile, context, values, row * mask.shape[1] + col)
+
+
+def _fragments(
+    prefix: str,
+    links: NDArray[np.uint8],
+    tile: Tile,
+    context: LineContext,
+    values: dict[str, NDArray[Any]],
+    flat: NDArray[np.int64],
+) -> Facts:
+    """Trace the core and attach to each fragment's pixels the values of the points at block indices ``flat``."""
+    core = tile.core_in_padded
+    found = tracing.trace(
+        links,
+        core=(core.top, core.left, core.bottom, core.right),
+        origin=tile.padded.origin,
+        width=context.grid.shape[1],
+    )
+    facts: Facts = {f"{prefix}:{name}": value for name, value in vars(found).items()}
+    row, column = np.divmod(found.pixels, context.grid.shape[1])
+    local = (row - tile.padded.top) * links.shape[1] + column - tile.padded.left
+    index = np.searchsorted(flat, local)
+    for name, value in values.items():
+        facts[f"{prefix}:at:{name}"] = value[index]
+    return facts

@@ -1,0 +1,174 @@
+"""First pass of `streets`: smooth a tile, grow its dark regions, and say what the seams need to know."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tilepipe.grid import Tile, TileGrid, Window
+from tilepipe.ledger import Facts
+from tilepipe.passes import StateArray, write_state
+from tilepipe.raster import Raster
+from tilepipe.regions import SUMMED
+from tilepipe.seams import edge_facts, raster_borders, touches_seam
+from tilepipe.street_levels import GreyScale, residual_counts
+from tilepipe.street_parameters import StreetParameters
+from tilepipe_kernels import diffusion, growing, morphology, region_table
+from tilepipe_kernels.fill import fill_voids
+
+GREY_STEPS = 128
+"""Steps of a stored grey level; the lowest bit of a stored value is the nodata flag."""
+
+NO_REGION = 65534
+"""Stored grey of a pixel that belongs to no region (65535 when it is nodata as well)."""
+
+
+@dataclass(frozen=True)
+class Heights:
+    """A height raster on the same grid and the window of it that covers the intensity raster."""
+
+    raster: Raster
+    window: Window
+
+
+@dataclass(frozen=True)
+class SegmentContext:
+    """What the pass needs to know; picklable."""
+
+    raster: Raster
+    heights: Heights | None
+    scale: GreyScale
+    parameters: StreetParameters
+    grid: TileGrid
+    labels: StateArray
+    grey: StateArray
+
+    @property
+    def rectangle(self) -> tuple[int, int]:
+        """Rows and columns of a rectangle."""
+        return self.parameters.rectangle_rows, self.parameters.rectangle_columns
+
+
+def reach_in_pixels(parameters: StreetParameters, resolution: float) -> int:
+    """Reach over which voids are bridged, in pixels."""
+    return math.floor(parameters.void_reach / resolution)
+
+
+def halo(parameters: StreetParameters, resolution: float, *, heights: bool) -> int:
+    """Pixels that the pass reads around a core."""
+    steps = diffusion.halo(
+        parameters.diffusion_steps, parameters.gradient_sigma / resolution, parameters.diffusion_model
+    )
+    return max(
+        steps + reach_in_pixels(parameters, resolution),
+        ground_reach(parameters, resolution) if heights else 0,
+    )
+
+
+def ground_reach(parameters: StreetParameters, resolution: float) -> int:
+    """Pixels around a core that decide the ground height in it."""
+    return 2 * math.ceil(parameters.ground_window / resolution / 2)
+
+
+def segment(context: SegmentContext, tile: Tile) -> Facts:
+    """Tile function: diffuse, grow regions, keep the grey values of regions; facts are the region table and edges."""
+    values = context.raster.read(tile.padded)
+    missing = np.isnan(values[tile.core_in_padded.slices])
+    grey = context.scale.apply(values)
+    smooth = _smooth(context, tile, grey)
+    residuals = residual_counts(grey[tile.core_in_padded.slices], smooth)
+    if context.heights is not None:
+        smooth[_is_raised(context, tile)] = np.nan
+    rows, columns = context.rectangle
+    centres = growing.rectangle_centers(smooth, rows, columns)
+    labels = growing.grow_regions(centres, context.parameters.tolerance, maximum=context.scale.threshold)
+    kept, table = _kept_regions(context, tile, labels, centres)
+    labels = region_table.select_labels(labels, kept)
+    packed = _pack_grey(smooth, _expand(labels > 0, context.rectangle, smooth.shape), missing)
+    facts = write_state({"labels": context.labels, "grey": context.grey}, tile, {"labels": labels, "grey": packed})
+    facts["residuals"] = residuals
+    return facts | table | edge_facts("label", labels) | edge_facts("grey", centres)
+
+
+def _smooth(context: SegmentContext, tile: Tile, grey: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Grey levels of the core after bridging small voids and diffusion."""
+    p = context.parameters
+    resolution = context.raster.geometry.resolution
+    conductance = p.conductance / p.edge_gradient**2 if p.diffusion_model == "curvature" else p.edge_gradient
+    return diffusion.diffuse(
+        fill_voids(grey, reach_in_pixels(p, resolution)),
+        steps=p.diffusion_steps,
+        time_step=p.time_step,
+        conductance=conductance,
+        gradient_sigma=p.gradient_sigma / resolution,
+        fidelity=p.fidelity,
+        model=p.diffusion_model,
+        core=tile.core_in_padded.as_tuple(),
+    )
+
+
+def _is_raised(context: SegmentContext, tile: Tile) -> NDArray[np.bool_]:
+    """Where the height raster says that the core's pixels lie above the ground (trees, roofs)."""
+    assert context.heights is not None
+    p = context.parameters
+    resolution = context.raster.geometry.resolution
+    around = tile.core.padded(ground_reach(p, resolution), context.grid.shape)
+    shift = context.heights.window
+    whole = Window(0, 0, *context.heights.raster.shape)
+    wanted = around.relative_to(shift)
+    part = wanted.intersection(whole)
+    heights = np.full(around.shape, np.nan, np.float32)
+    if not part.is_empty:
+        heights[part.relative_to(wanted).slices] = context.heights.raster.read(part)
+    heights *= np.float32(context.heights.raster.geometry.metres)
+    ground = morphology.open_grey(heights, math.ceil(p.ground_window / resolution / 2))
+    inner = tile.core.relative_to(around).slices
+    raised: NDArray[np.bool_] = heights[inner] - ground[inner] > np.float32(p.maximum_height)
+    return raised
+
+
+def _kept_regions(
+    context: SegmentContext, tile: Tile, labels: NDArray[np.int32], centres: NDArray[np.float32]
+) -> tuple[NDArray[np.uint32], Facts]:
+    """Drop regions that are too small and touch no seam; the new number of each label and the table of the kept."""
+    grid = context.labels.grid
+    borders = raster_borders(grid, tile.number)
+    count = int(labels.max(initial=0))
+    table = region_table.region_table(labels, centres, count, borders=borders)
+    keep = table.count >= minimum_rectangles(context.parameters, context.raster.geometry.resolution)
+    reaches_seam = touches_seam(labels, count, borders)
+    keep |= reaches_seam[1:]
+    numbers = np.concatenate([[0], np.where(keep, np.cumsum(keep), 0)])
+    row, column = np.divmod(table.first, labels.shape[1])
+    top, left = grid.tile(tile.number).core.origin
+    facts: Facts = {name: getattr(table, name)[keep] for name in SUMMED}
+    facts["first"] = ((row + top) * grid.shape[1] + column + left)[keep]
+    facts["contacts"] = region_table.region_contacts(labels, reaches_seam)
+    facts["contacts"][:, :2] = numbers[facts["contacts"][:, :2]]
+    return numbers.astype(np.uint32), facts
+
+
+def minimum_rectangles(parameters: StreetParameters, resolution: float) -> int:
+    """Smallest number of rectangles of a region."""
+    rectangle = parameters.rectangle_rows * parameters.rectangle_columns * resolution**2
+    return max(1, math.ceil(parameters.minimum_size / rectangle - 1e-9))
+
+
+def _expand(mask: NDArray[np.bool_], rectangle: tuple[int, int], shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    """A mask of rectangles as a mask of pixels."""
+    if rectangle == (1, 1):
+        return mask
+    return np.repeat(np.repeat(mask, rectangle[0], axis=0), rectangle[1], axis=1)[: shape[0], : shape[1]]
+
+
+def _pack_grey(
+    grey: NDArray[np.float32], in_region: NDArray[np.bool_], missing: NDArray[np.bool_]
+) -> NDArray[np.uint16]:
+    """Grey of regions in steps of 1/128 with the nodata flag in the lowest bit; `NO_REGION` elsewhere."""
+    steps = np.rint(np.where(in_region, grey, np.float32(0)) * np.float32(GREY_STEPS)).astype(np.uint16)
+    packed = np.where(in_region, steps << 1, np.uint16(NO_REGION))
+    packed |= missing.astype(np.uint16)
+    return packed

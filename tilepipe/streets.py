@@ -1,0 +1,328 @@
+"""The streets pipeline (Mendes & Dal Poz 2012): lidar intensity in, street regions and centerlines out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tilepipe import __version__, street_lines, street_segments
+from tilepipe.export import convert
+from tilepipe.grid import TileGrid
+from tilepipe.layers import write_cog
+from tilepipe.ledger import Facts, Ledger
+from tilepipe.network import NetworkRules
+from tilepipe.options import RunOptions
+from tilepipe.passes import Pass, Progress, Silent, StateArray
+from tilepipe.planning import Plan, plan_passes
+from tilepipe.raster import Raster, check_aligned, open_raster
+from tilepipe.reconcile import Numbering
+from tilepipe.regions import Regions, reconcile_regions
+from tilepipe.run import STATE, Record, Run, open_run
+from tilepipe.street_levels import GreyScale, count_values, grey_scale, residual_noise
+from tilepipe.street_network import LineScale, write_centerlines
+from tilepipe.street_parameters import StreetParameters, street_parameters
+from tilepipe.street_thresholds import Thresholds, count_responses, line_thresholds
+
+if TYPE_CHECKING:
+    pass
+
+Input = "str | Path | xr.DataArray"
+
+LINE_LAYERS = {"centerlines": street_lines.RIDGE, "skeleton": street_lines.AXIS}
+
+
+def streets(
+    rasters: Sequence[Any] | Any,
+    out: str | Path,
+    *,
+    height: Sequence[Any] | None = None,
+    params: StreetParameters | Mapping[str, Any] | None = None,
+    crs: str | None = None,
+    band: int | None = None,
+    options: RunOptions | None = None,
+    progress: Progress | None = None,
+) -> list[Path]:
+    """Extract street regions and street centerlines from lidar intensity.
+
+    Parameters
+    ----------
+    rasters
+        Intensity: one or many paths (GeoTIFF, COG, VRT, Zarr) or xarray arrays, one mosaic; streets are dark.
+    out
+        Folder of the run; receives ``streets.tif``, ``centerlines.parquet``, ``skeleton.parquet`` and ``run.toml``.
+    height
+        Height raster (DSM) on the same pixel grid, to leave out trees and roofs.
+    params
+        Parameters of the method.
+    crs
+        ``EPSG:n`` for inputs that name no CRS.
+    band
+        Band to use where a raster has several.
+    options
+        Tiles, workers, memory: how, not what.
+    progress
+        Told about the progress.
+
+    Returns
+    -------
+    list of Path
+        The published layers.
+
+    Raises
+    ------
+    InputError
+        When an input or a parameter cannot be used.
+    TileError
+        When tiles failed; the finished ones are kept for the next try.
+    """
+    job = _prepare(rasters, height, params, crs, band, options)
+    with open_run(Path(out).absolute(), job.record(out), job.identity(), job.options, progress or Silent()) as run:
+        job.check_memory()
+        scale = grey_scale(run.run_pass(job.levels_pass(run.state)), job.parameters, job.raster.names[0])
+        segmented = run.run_pass(job.segment_pass(run.state, scale))
+        regions = job.reconcile(run, segmented)
+        thresholds = job.thresholds(run, scale, regions, segmented)
+        run.run_pass(job.lines_pass(run.state, scale, regions, thresholds.low))
+        layers = job.write_layers(run, thresholds)
+        run.publish(layers, job.record(out), keep=_all_names())
+        return [run.folder / name for name in layers]
+
+
+def plan_streets(
+    rasters: Sequence[Any] | Any,
+    *,
+    height: Sequence[Any] | None = None,
+    params: StreetParameters | Mapping[str, Any] | None = None,
+    crs: str | None = None,
+    band: int | None = None,
+    options: RunOptions | None = None,
+) -> Plan:
+    """Tiles, passes, halos and memory of a run, before any work; arguments and errors as for `streets`."""
+    return _prepare(rasters, height, params, crs, band, options).plan()
+
+
+def pass_sizes(record: Record) -> dict[str, int]:
+    """Number of tiles of each pass of an unfinished run, from its record."""
+    grid = TileGrid(tuple(record["raster"]["shape"]), tuple(record["raster"]["tile"]))
+    names = ["levels", "segment", "lines"]
+    if record["parameters"].get("thresholds") == "histogram":
+        names.insert(2, "responses")
+    return dict.fromkeys(names, len(grid))
+
+
+def _all_names() -> tuple[str, ...]:
+    tables = [f"{name}.{suffix}" for name in LINE_LAYERS for suffix in ("parquet", "gpkg", "fgb", "geojson")]
+    return ("streets.tif", *tables)
+
+
+def _prepare(
+    rasters: Any, height: Any, params: Any, crs: str | None, band: int | None, options: RunOptions | None
+) -> _Job:
+    """Open and check everything before any work."""
+    parameters = params if isinstance(params, StreetParameters) else street_parameters(dict(params or {}))
+    raster = open_raster(_as_list(rasters), crs=crs, band=band)
+    heights = None
+    if height:
+        dsm = open_raster(_as_list(height), crs=crs)
+        heights = street_segments.Heights(dsm, check_aligned(dsm, raster, "height raster"))
+    return _Job(raster, heights, parameters, options or RunOptions(), crs, band)
+
+
+def _as_list(items: Any) -> list[Any]:
+    return list(items) if isinstance(items, (list, tuple)) else [items]
+
+
+@dataclass(frozen=True)
+class _Job:
+    """A checked request: its tiling, its passes and its reconciliations."""
+
+    raster: Raster
+    heights: street_segments.Heights | None
+    parameters: StreetParameters
+    options: RunOptions
+    crs: str | None
+    band: int | None
+
+    @property
+    def resolution(self) -> float:
+        return self.raster.geometry.resolution
+
+    @property
+    def rectangle(self) -> tuple[int, int]:
+        return self.parameters.rectangle_rows, self.parameters.rectangle_columns
+
+    @property
+    def grid(self) -> TileGrid:
+        """Tiles of whole rectangles, so that no rectangle is cut by a seam."""
+        rows, columns = (max(side, self.options.tile // side * side) for side in self.rectangle)
+        return TileGrid(self.raster.shape, (rows, columns))
+
+    def state_arrays(self, state: Path) -> dict[str, StateArray]:
+        coarse = self.grid.coarsened(self.rectangle)
+        return {
+            "labels": StateArray(state / "labels.zarr", coarse, "uint32"),
+            "grey": StateArray(state / "grey.zarr", self.grid, "uint16", street_segments.NO_REGION),
+            "streets": StateArray(state / "streets.zarr", self.grid, "uint32"),
+        }
+
+    def levels_pass(self, state: Path) -> Pass:
+        return Pass("levels", count_values, self.raster, self.grid, halo=0, bytes_per_pixel=12)
+
+    def segment_pass(self, state: Path, scale: GreyScale) -> Pass:
+        arrays = self.state_arrays(state)
+        context = street_segments.SegmentContext(
+            self.raster, self.heights, scale, self.parameters, self.grid, arrays["labels"], arrays["grey"]
+        )
+        halo = street_segments.halo(self.parameters, self.resolution, heights=self.heights is not None)
+        writes = {name: arrays[name] for name in ("labels", "grey")}
+        return Pass("segment", street_segments.segment, context, self.grid, halo, writes, bytes_per_pixel=40)
+
+    def reconcile(self, run: Run, facts: list[Facts]) -> Regions:
+        """Regions of the raster; their published ids go to the state for the next pass."""
+        with run.timed("reconcile regions"):
+            p, r = self.parameters, self.resolution
+            rows, columns = self.rectangle
+            coarse = self.grid.coarsened(self.rectangle)
+            regions = reconcile_regions(coarse, facts, tolerance=p.tolerance, rectangle=(rows * r, columns * r))
+            np.save(run.state / "lookup.npy", regions.lookup(select(regions, p)))
+            return regions
+
+    def _line_context(self, state: Path, scale: GreyScale, regions: Regions, low: float) -> street_lines.LineContext:
+        offsets = tuple(regions.numbering.offsets.tolist())
+        arrays = self.state_arrays(state)
+        return street_lines.LineContext(
+            parameters=self.parameters,
+            scale=scale,
+            grid=self.grid,
+            lookup=state / "lookup.npy",
+            offsets=offsets,
+            resolution=self.resolution,
+            low=low,
+            **arrays,
+        )
+
+    def thresholds(self, run: Run, scale: GreyScale, regions: Regions, facts: list[Facts]) -> Thresholds:
+        """Thresholds of the line response and the noise of the grey levels, both global."""
+        noise = residual_noise(facts)
+        responses: list[Facts] = []
+        if self.parameters.thresholds == "histogram":
+            context = self._line_context(run.state, scale, regions, low=1e-6)
+            halo = street_lines.halo(self.parameters, self.resolution)
+            responses = run.run_pass(Pass("responses", count_responses, context, self.grid, halo, bytes_per_pixel=40))
+        return line_thresholds(self.parameters, scale, self.resolution, noise, responses)
+
+    def lines_pass(self, state: Path, scale: GreyScale, regions: Regions, low: float) -> Pass:
+        context = self._line_context(state, scale, regions, low)
+        halo = street_lines.halo(self.parameters, self.resolution)
+        writes = {"streets": context.streets}
+        return Pass("lines", street_lines.find_lines, context, self.grid, halo, writes, bytes_per_pixel=60)
+
+    def write_layers(self, run: Run, thresholds: Thresholds) -> dict[str, Path]:
+        """Write all layers into the state folder; final name → file."""
+        layers: dict[str, Path] = {}
+        with run.timed("export raster"):
+            layers["streets.tif"] = run.state / "streets.tif"
+            array = self.state_arrays(run.state)["streets"]
+            write_cog(layers["streets.tif"], array, self.raster.geometry, nodata=street_lines.NODATA)
+        ledger = Ledger(run.state / "lines")
+        for name, prefix in LINE_LAYERS.items():
+            with run.timed(f"reconcile {name}"):
+                path = run.state / f"{name}.parquet"
+                rules, margin = self._rules(prefix, thresholds)
+                write_centerlines(path, ledger, self.grid, prefix, rules, self._line_scale(thresholds), margin)
+                if self.options.format != "parquet":
+                    path = convert(path, self.options.format)
+            layers[path.name] = path
+        return layers
+
+    def _line_scale(self, thresholds: Thresholds) -> LineScale:
+        return LineScale(self.raster.geometry, thresholds.sigma, thresholds.noise, self.parameters.simplification)
+
+    def _rules(self, prefix: str, thresholds: Thresholds) -> tuple[NetworkRules, int]:
+        """Cleaning rules of one way to centerlines in pixels, and the width of the raster's border zone."""
+        p = self.parameters
+        pixels = 1 / self.resolution
+        rules = NetworkRules(
+            contraction=max(2.0, 2.0 * pixels),
+            maximum_gap=p.maximum_gap * pixels,
+            maximum_angle=min(max(p.maximum_gap_angle, 1.0), 89.0),
+            minimum_branch=p.minimum_branch * pixels,
+            minimum_length=p.minimum_length * pixels,
+        )
+        if prefix == street_lines.RIDGE:
+            return replace(rules, high=thresholds.high), int(np.ceil(thresholds.sigma))
+        return rules, 2
+
+    def check_memory(self) -> None:
+        """Refuse a run that would need more memory than allowed."""
+        self.plan().check(self.options)
+
+    def plan(self) -> Plan:
+        """What a run will do and need."""
+        nowhere = Path(STATE)
+        scale = GreyScale(0.0, 1.0, 0.0, 0.0, 1.0)
+        nothing, none = np.empty(0), np.empty(0, np.int64)
+        regions = Regions(none, nothing, nothing, nothing, none, Numbering(np.zeros(1, np.int64)))
+        passes = [
+            self.levels_pass(nowhere),
+            self.segment_pass(nowhere, scale),
+            self.lines_pass(nowhere, scale, regions, 1.0),
+        ]
+        return plan_passes("streets", self.raster, passes, self.options)
+
+    def identity(self) -> Record:
+        """Everything that decides the state on disk."""
+        sources = [m.source for m in self.raster.members]
+        if self.heights is not None:
+            sources += [m.source for m in self.heights.raster.members]
+        return {
+            "command": "streets",
+            "version": __version__,
+            "sources": [f"{source.name} {source.stamp}" for source in sources],
+            "raster": asdict(self.raster.geometry) | {"tile": list(self.grid.tile_shape), "band": self.band},
+            "parameters": self.parameters.model_dump(),
+            "seed": self.options.seed,
+        }
+
+    def record(self, out: str | Path) -> Record:
+        """Everything as resolved, for ``run.toml``."""
+        options = asdict(self.options)
+        options.pop("overwrite")
+        heights = self.heights.raster.names if self.heights is not None else []
+        return {
+            "command": "streets",
+            "version": __version__,
+            "out": str(Path(out).absolute()),
+            "inputs": {
+                "rasters": [_absolute(name) for name in self.raster.names],
+                "heights": [_absolute(name) for name in heights],
+                "crs": self.crs,
+                "band": self.band,
+            },
+            "raster": asdict(self.raster.geometry) | {"tile": list(self.grid.tile_shape)},
+            "options": options,
+            "parameters": self.parameters.model_dump(),
+        }
+
+
+def _absolute(name: str) -> str:
+    path = Path(name)
+    return str(path.absolute()) if path.exists() else name
+
+
+def select(regions: Regions, parameters: StreetParameters) -> NDArray[np.bool_]:
+    """Which regions are streets: by size, contour length, elongation and mean width (step 3 of the method)."""
+    p = parameters
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return (
+            (regions.area >= p.minimum_size)
+            & (regions.contour >= p.minimum_contour)
+            & (regions.contour <= p.maximum_contour)
+            & (regions.elongation >= p.minimum_elongation)
+            & (regions.mean_width <= p.maximum_mean_width)
+        )
