@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import Any
+
+from benchmarks.harness import share_one_heap
 
 
 def main() -> None:
     """Parse the arguments and run."""
+    share_one_heap()
     parser = argparse.ArgumentParser(prog="bench", description="Speed and quality beside the named peers.")
     commands = parser.add_subparsers(dest="command", required=True)
     kernels = commands.add_parser("kernels", help="each kernel and the engine beside their peers")
@@ -16,24 +20,24 @@ def main() -> None:
     streets.add_argument("--steps", type=int, default=50, help="diffusion steps")
     for command in (kernels, streets):
         command.add_argument("--size", type=int, nargs="+", help="side of the scene in pixels; several for streets")
-        command.add_argument("--quick", action="store_true", help="a small scene and few rounds: under a minute")
+        command.add_argument("--quick", action="store_true", help="a small scene, few rounds, no page: under a minute")
         command.add_argument("--rounds", type=int, help="repetitions after the warm-up")
         command.add_argument("--no-peers", action="store_true", help="measure tilepipe alone")
         command.add_argument("--scratch", type=Path, help="folder for temporary files")
     arguments = parser.parse_args()
-    name = f"{arguments.command}-quick" if arguments.quick else arguments.command
+    page: dict[str, Any] = {"results": None} if arguments.quick else {}
     if arguments.command == "kernels":
         from benchmarks.kernels import ENGINE_SIZE, QUICK_SIZE, SIZE, run_kernels
 
         run_kernels(
             size=arguments.size[0] if arguments.size else QUICK_SIZE if arguments.quick else SIZE,
             engine_size=2048 if arguments.quick else ENGINE_SIZE,
-            repetitions=arguments.rounds or (2 if arguments.quick else 5),
+            repetitions=arguments.rounds or (2 if arguments.quick else 3),
             peers=not arguments.no_peers,
             patience=0.5 if arguments.quick else 20.0,
             only=arguments.only,
             scratch=arguments.scratch,
-            name=name,
+            **page,
         )
     else:
         from benchmarks.streets import QUICK_SIZE, SIZE, run_streets
@@ -44,7 +48,7 @@ def main() -> None:
             repetitions=arguments.rounds or (1 if arguments.quick else 3),
             peers=not arguments.no_peers,
             scratch=arguments.scratch,
-            name=name,
+            **page,
         )
 
 

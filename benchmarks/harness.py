@@ -5,6 +5,7 @@ All contestants of a case take turns, round by round, so that a change of the ma
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import gc
 import statistics
@@ -14,8 +15,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-# Options of glibc's mallopt; at their largest values, as here after a measurement, freed arrays are used again.
-_TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
+_ARENA_MAX = -8
+"""Option of glibc's mallopt."""
 
 Call = Callable[[int], Any]
 """Does the work once with so many threads; returns the result."""
@@ -164,25 +165,31 @@ def _seconds(call: Call, workers: int) -> float:
     return seconds
 
 
+def share_one_heap() -> None:
+    """Let all threads allocate from one heap, so that `measure` can see what a call needs; call it before any import.
+
+    Of the heaps that glibc gives to threads it never returns the last part, so calls would find memory at hand.
+    """
+    with contextlib.suppress(OSError, AttributeError):
+        ctypes.CDLL(None).mallopt(_ARENA_MAX, 1)
+
+
 def _peak_memory(call: Call, workers: int) -> int | None:
     """Most memory in bytes that a call adds to the process, its result included; None where glibc is not below.
 
     The input is there already and does not count.
     """
     try:
-        allocator = ctypes.CDLL(None).mallopt
         gc.collect()
-        # What earlier calls have freed stays with the process, so arrays must come fresh from the system to be seen.
-        allocator(_MMAP_THRESHOLD, 1 << 16)
+        # What earlier calls have freed goes back to the system, so that this one must take it anew and is seen.
+        ctypes.CDLL(None).malloc_trim(0)
         Path("/proc/self/clear_refs").write_text("5")
+        before = _status("VmRSS")
+        result = call(workers)
+        peak = _status("VmHWM") - before
+        del result
     except (OSError, AttributeError):
         return None
-    before = _status("VmRSS")
-    result = call(workers)
-    peak = _status("VmHWM") - before
-    del result
-    allocator(_TRIM_THRESHOLD, 64 << 20)
-    allocator(_MMAP_THRESHOLD, 32 << 20)
     return max(peak, 0)
 
 

@@ -42,14 +42,13 @@ def run_kernels(
     *,
     size: int = SIZE,
     engine_size: int = ENGINE_SIZE,
-    repetitions: int = 5,
+    repetitions: int = 3,
     peers: bool = True,
     patience: float = 20.0,
     only: str = "",
     scratch: Path | None = None,
-    results: Path = RESULTS,
-    name: str = "kernels",
-) -> Path:
+    results: Path | None = RESULTS,
+) -> list[tuple[Case, list[Measurement]]]:
     """Measure all cases, print each table and write the page.
 
     Parameters
@@ -66,13 +65,13 @@ def run_kernels(
         Measures the cases whose name holds this.
     scratch
         Folder for temporary files; the system's by default.
-    results, name
-        Folder and name of the page.
+    results
+        Folder of the page; None writes none.
 
     Returns
     -------
-    Path
-        The page.
+    list of (Case, list of Measurement)
+        What was measured.
     """
     machine = describe_machine()
     warn_if_busy(machine)
@@ -83,9 +82,9 @@ def run_kernels(
             measured.append((case, found))
             comparison("", [(case, found)], machine).show()
     title = f"Scene of {size} × {size} pixels, engine on {engine_size} × {engine_size}, {repetitions} rounds"
-    page = save(name, machine, [LEGEND, "", comparison(title, measured, machine).markdown()], results)
-    print(page)
-    return page
+    if results is not None:
+        save("kernels", machine, [LEGEND, "", comparison(title, measured, machine).markdown()], results)
+    return measured
 
 
 def warn_if_busy(machine: Machine) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -107,8 +108,7 @@ def over_bands(function: Callable[[Band], Result], rows: int, halo: int, workers
     """Call a function on one band of rows per thread: what a pass does with tiles."""
     edges = np.linspace(0, rows, workers + 1).astype(int).tolist()
     bands = [
-        Band(start, stop, max(0, start - halo), min(rows, stop + halo))
-        for start, stop in zip(edges[:-1], edges[1:], strict=True)
+        Band(start, stop, max(0, start - halo), min(rows, stop + halo)) for start, stop in itertools.pairwise(edges)
     ]
     if workers == 1:
         return [function(bands[0])]

@@ -9,7 +9,9 @@ from numpy.typing import NDArray
 
 from benchmarks.harness import Call, Case, Contestant, Unsuitable
 from benchmarks.scenes import TOLERANCE, Band, Scene, diffuse, over_bands
+from tilepipe.passes import default_workers
 from tilepipe_kernels import diffusion, growing
+from tilepipe_kernels.region_table import region_table
 
 FLOAT = 4
 
@@ -135,14 +137,22 @@ def table_case(scene: Scene) -> Case:
 
     def ours() -> Call:
         image = scene.diffused
-        labels = growing.grow_regions(image, TOLERANCE)
-        count = int(labels.max())
-        return lambda workers: over_bands(
-            lambda rows: growing.region_table(labels[rows.padded], image[rows.padded], count),
-            scene.size,
-            0,
-            workers,
-        )
+        # every band has its own labels, as a tile has
+        labels = {
+            workers: over_bands(
+                lambda rows: growing.grow_regions(image[rows.padded], TOLERANCE), scene.size, 0, workers
+            )
+            for workers in (1, default_workers())
+        }
+
+        def run(workers: int) -> Any:
+            def band(rows: Band) -> Any:
+                own = labels[workers][rows.start * workers // scene.size]
+                return region_table(own, image[rows.padded], int(own.max()))
+
+            return over_bands(band, scene.size, 0, workers)
+
+        return run
 
     def cc3d() -> Call:
         import cc3d

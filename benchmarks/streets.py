@@ -66,9 +66,8 @@ def run_streets(
     repetitions: int = 3,
     peers: bool = True,
     scratch: Path | None = None,
-    results: Path = RESULTS,
-    name: str = "streets",
-) -> Path:
+    results: Path | None = RESULTS,
+) -> list[Outcome]:
     """Run the pipeline and the plain script on cities of given sizes, print and write the page.
 
     Parameters
@@ -83,13 +82,13 @@ def run_streets(
         Whether the plain script runs too.
     scratch
         Folder for cities and runs; the largest city, 32768 pixels a side, needs some 20 GB.
-    results, name
-        Folder and name of the page.
+    results
+        Folder of the page; None writes none.
 
     Returns
     -------
-    Path
-        The page.
+    list of Outcome
+        What was measured.
     """
     machine = describe_machine()
     warn_if_busy(machine)
@@ -118,10 +117,10 @@ def run_streets(
         f"(median of {len(first_tile)}, at {sizes[0]} × {sizes[0]} pixels)."
     )
     print(start)
-    parts = [LEGEND.format(buffer=BUFFER), "", start, "", *(table.markdown() for table in tables)]
-    page = save(name, machine, parts, results)
-    print(page)
-    return page
+    if results is not None:
+        parts = [LEGEND.format(buffer=BUFFER), "", start, "", *(table.markdown() for table in tables)]
+        save("streets", machine, parts, results)
+    return outcomes
 
 
 def _command(raster: Path, out: Path, steps: int) -> list[str]:

@@ -98,10 +98,11 @@ def number(value: float) -> str:
     return f"{value:,.0f}" if value >= 100 else f"{value:.1f}" if value >= 10 else f"{value:.2g}"
 
 
-def save(name: str, machine: Machine, parts: Sequence[str], folder: Path = RESULTS) -> Path:
-    """Write a page of results."""
+def save(name: str, machine: Machine, parts: Sequence[str], folder: Path) -> Path:
+    """Write a page of results and say where it is."""
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{name}.md"
     body = [f"# {name}", "", *machine.lines(), "", *parts]
     path.write_text("\n".join(body).rstrip() + "\n")
+    print(path)
     return path

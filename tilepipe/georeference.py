@@ -69,6 +69,8 @@ def check_geometry(
         raise InputError(f"{name}: CRS '{crs or override}' is not understood; pass --crs EPSG:n") from error
     if system.is_compound:
         system = system.sub_crs_list[0]
+    if system.is_geocentric or system.is_vertical:
+        raise InputError(f"{name}: {system.name} is no map projection; reproject it to a projected CRS first")
     if system.is_geographic:
         raise InputError(
             f"{name}: is in degrees ({system.name}); reproject it to a projected CRS first, "

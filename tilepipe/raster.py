@@ -123,10 +123,12 @@ def open_raster(
         window = Window(row - top, column - left, row - top + rows, column - left + columns)
         members.append(Member(source, window))
     shape = max(m.window.bottom for m in members), max(m.window.right for m in members)
-    # the corner comes from the source that reaches furthest, so that the order of inputs does not matter
+    # everything comes from extremes, so that the order of inputs does not matter
     corner_left = min(source.geometry.left for source in sources)
     corner_top = max(source.geometry.top for source in sources)
-    geometry = Geometry(first.crs, corner_left, corner_top, first.pixel, shape, first.metres)
+    pixel = min(source.geometry.pixel for source in sources)
+    crs, metres = min((len(s.geometry.crs), s.geometry.crs, s.geometry.metres) for s in sources)[1:]
+    geometry = Geometry(crs, corner_left, corner_top, pixel, shape, metres)
     return Raster(geometry, tuple(members))
 
 

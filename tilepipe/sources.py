@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import threading
+import zlib
 from collections import OrderedDict
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -18,8 +21,16 @@ from tilepipe.grid import Window
 if TYPE_CHECKING:
     import xarray as xr
 
+_IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
+
+_UNEVEN = 0.1
+"""Largest deviation of the spacing of coordinates that is taken for rounding, in pixels."""
+
 _OPEN_FILES = 32
 """Datasets that one thread keeps open."""
+
+_ROWS = 1024
+"""Rows of an array that are read at once for its checksum."""
 
 _local = threading.local()
 
@@ -67,55 +78,71 @@ class FileSource:
     geometry: Geometry
     path: str
     band: int
-
-    @property
-    def stamp(self) -> str:
-        """Size and time of change of the file."""
-        status = Path(self.path).stat()
-        return f"{status.st_size}:{status.st_mtime_ns}"
+    stamp: str
 
     def read(self, window: Window) -> NDArray[np.float32]:
         """See `Source.read`."""
         from rasterio.errors import RasterioError
         from rasterio.windows import Window as FileWindow
 
-        dataset = _dataset(self.path)
         part = FileWindow(window.left, window.top, window.columns, window.rows)
         try:
+            dataset = _dataset(self.path, self.stamp)
             values = dataset.read(self.band, window=part)
-            block: NDArray[np.float32] = values.astype(np.float32)
-            # a nodata value is part of the file, so masks cost a second read only where there is a mask band
-            nodata = dataset.nodatavals[self.band - 1]
-            if nodata is not None:
-                block[values == nodata] = np.nan
-            elif _has_mask(dataset, self.band):
+            block = as_block(values, dataset.nodatavals[self.band - 1])
+            if _has_mask(dataset, self.band):
                 block[dataset.read_masks(self.band, window=part) == 0] = np.nan
         except RasterioError as error:
             raise InputError(f"{self.name}: cannot be read ({error}); the file is damaged, copy it anew") from error
-        if values.dtype.kind == "f":
-            block[~np.isfinite(block)] = np.nan
-        return block
+        scale, offset = dataset.scales[self.band - 1], dataset.offsets[self.band - 1]
+        return block if (scale, offset) == (1.0, 0.0) else (block * scale + offset).astype(np.float32)
+
+
+def as_block(values: NDArray[Any], nodata: float | None) -> NDArray[np.float32]:
+    """Values of any real dtype as float32 with NaN for nodata, infinities and what float32 cannot hold."""
+    with np.errstate(over="ignore"):
+        block = values.astype(np.float32)
+        if nodata is not None:
+            block[values == nodata] = np.nan
+    if values.dtype.kind == "f":
+        block[np.isinf(block)] = np.nan
+    return block
 
 
 def _has_mask(dataset: Any, band: int) -> bool:
+    """Whether a band has a mask of its own or an alpha band, beside its nodata value."""
     from rasterio.enums import MaskFlags
 
-    return MaskFlags.all_valid not in dataset.mask_flag_enums[band - 1]
+    return not {MaskFlags.all_valid, MaskFlags.nodata} & set(dataset.mask_flag_enums[band - 1])
 
 
-def _dataset(path: str) -> Any:
-    """This thread's handle of a file."""
+def _dataset(path: str, stamp: str) -> Any:
+    """This thread's handle of a file; a file that was written anew since gets a new one."""
     import rasterio
 
-    cache: OrderedDict[str, Any] = getattr(_local, "datasets", None) or OrderedDict()
+    cache: OrderedDict[tuple[str, str], Any] = getattr(_local, "datasets", None) or OrderedDict()
     _local.datasets = cache
-    if path in cache:
-        cache.move_to_end(path)
-        return cache[path]
-    cache[path] = rasterio.open(path)
+    key = path, stamp
+    if key in cache:
+        cache.move_to_end(key)
+        return cache[key]
+    cache[key] = rasterio.open(path)
     if len(cache) > _OPEN_FILES:
         cache.popitem(last=False)[1].close()
-    return cache[path]
+    return cache[key]
+
+
+def _stamp(files: Iterable[str | Path]) -> str:
+    """Changes when one of the files does: their number, their sizes and the last time of change."""
+    found = [status for status in map(_status, files) if status is not None]
+    return f"{len(found)}:{sum(s.st_size for s in found)}:{max((s.st_mtime_ns for s in found), default=0)}"
+
+
+def _status(file: str | Path) -> os.stat_result | None:
+    try:
+        return os.stat(file)
+    except OSError:
+        return None
 
 
 def _file_source(path: Path, *, crs: str | None, band: int | None) -> FileSource:
@@ -133,9 +160,11 @@ def _file_source(path: Path, *, crs: str | None, band: int | None) -> FileSource
                 raise InputError(f"{path}: has no georeferencing; give it an origin and a pixel size with gdal_edit")
             system = dataset.crs.to_wkt() if dataset.crs else None
             geometry = check_geometry(str(path), system, tuple(transform)[:6], (dataset.height, dataset.width), crs)
+            # the sources of a VRT count, statistics and overviews that other programs leave beside a file do not
+            files = [name for name in dataset.files if not name.endswith((".aux.xml", ".ovr"))]
     except RasterioError as error:
         raise InputError(f"{path}: is no raster that GDAL can read; use GeoTIFF, COG, VRT or Zarr") from error
-    return FileSource(str(path), geometry, str(path), band)
+    return FileSource(str(path), geometry, str(path), band, _stamp(files))
 
 
 def _choose_band(name: str, count: int, band: int | None) -> int:
@@ -154,18 +183,26 @@ class ArraySource:
     geometry: Geometry
     array: Any
     nodata: float | None
-    stamp: str = "array"
+    files: str | None = None
+
+    @property
+    def stamp(self) -> str:
+        """Stamp of the files of a store, name of the graph of a lazy array, checksum of the values of any other."""
+        if self.files is not None:
+            return self.files
+        if self.array.chunks is not None:
+            return str(self.array.data.name)
+        total = 0
+        for top in range(0, self.array.shape[0], _ROWS):
+            total = zlib.crc32(np.ascontiguousarray(self.array[top : top + _ROWS].data).view(np.uint8), total)
+        return f"{total:08x}"
 
     def read(self, window: Window) -> NDArray[np.float32]:
         """See `Source.read`."""
         part = self.array[window.slices].data
         if hasattr(part, "compute"):
             part = part.compute(scheduler="synchronous")
-        block = np.array(part, dtype=np.float32)
-        if self.nodata is not None:
-            block[np.asarray(part) == self.nodata] = np.nan
-        block[~np.isfinite(block)] = np.nan
-        return block
+        return as_block(np.asarray(part), self.nodata)
 
 
 def array_source(array: xr.DataArray, name: str, *, crs: str | None, band: int | None) -> ArraySource:
@@ -190,20 +227,42 @@ def array_source(array: xr.DataArray, name: str, *, crs: str | None, band: int |
     array = array.transpose(y, x)
     if array.sizes[y] > 1 and y in array.coords and float(array[y][0]) < float(array[y][-1]):
         array = array.isel({y: slice(None, None, -1)})
-    if y not in array.coords and "transform" not in array.rio.grid_mapping:
-        raise InputError(f"{name}: has no coordinates; give it x and y coordinates of the pixel centres")
+    if array.dtype.kind not in "biuf":
+        raise InputError(f"{name}: holds {array.dtype} values; use a raster of real numbers")
     system = array.rio.crs.to_wkt() if array.rio.crs else None
-    transform = tuple(array.rio.transform(recalc=True))[:6]
-    geometry = check_geometry(name, system, transform, (array.sizes[y], array.sizes[x]), crs)
-    nodata = array.rio.nodata
-    return ArraySource(name, geometry, array, None if nodata is None or np.isnan(nodata) else float(nodata))
+    geometry = check_geometry(name, system, _transform(array, name), (array.sizes[y], array.sizes[x]), crs)
+    return ArraySource(name, geometry, array, _nodata(array))
+
+
+def _transform(array: Any, name: str) -> tuple[float, ...]:
+    """Affine coefficients from the coordinates of an array, which must be evenly spaced, or from its GeoTransform."""
+    for dim in (array.rio.y_dim, array.rio.x_dim):
+        if dim not in array.coords:
+            transform = tuple(array.rio.transform())[:6]
+            if transform == _IDENTITY:
+                raise InputError(f"{name}: has no coordinates; give it x and y coordinates of the pixel centres")
+            return transform
+        centres = np.asarray(array[dim], dtype=np.float64)
+        steps = np.diff(centres)
+        if steps.size and not np.all(np.abs(steps - steps.mean()) <= _UNEVEN * abs(steps.mean())):
+            raise InputError(f"{name}: its {dim} coordinates are not evenly spaced; reindex or resample it first")
+    return tuple(array.rio.transform(recalc=True))[:6]
+
+
+def _nodata(array: Any) -> float | None:
+    """Value of an array that means nodata; NaN always does."""
+    try:
+        nodata = array.rio.nodata
+    except OverflowError:  # no value of this dtype can be that one
+        return None
+    return None if nodata is None or np.isnan(nodata) else float(nodata)
 
 
 def _zarr_source(path: Path, *, crs: str | None, band: int | None) -> ArraySource:
     import xarray as xr
 
     try:
-        dataset = xr.open_zarr(path, mask_and_scale=False, decode_coords="all")
+        dataset = xr.open_zarr(path, mask_and_scale=False, decode_coords="all", consolidated=False)
     except Exception as error:
         raise InputError(f"{path}: is a folder but no Zarr raster; name raster files or a Zarr store") from error
     names = [str(name) for name, item in dataset.data_vars.items() if item.ndim >= 2]
@@ -211,6 +270,4 @@ def _zarr_source(path: Path, *, crs: str | None, band: int | None) -> ArraySourc
         found = ", ".join(names) or "none"
         raise InputError(f"{path}: must hold one raster variable, it holds {found}; keep only one")
     source = array_source(dataset[names[0]], str(path), crs=crs, band=band)
-    files = sorted(p for p in path.rglob("*") if p.is_file())
-    stamp = f"{len(files)}:{sum(p.stat().st_size for p in files)}:{max(p.stat().st_mtime_ns for p in files)}"
-    return ArraySource(source.name, source.geometry, source.array, source.nodata, stamp)
+    return replace(source, files=_stamp(p for p in path.rglob("*") if p.is_file()))

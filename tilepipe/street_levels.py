@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tilepipe.errors import InputError
-from tilepipe.grid import Tile
+from tilepipe.grid import Tile, Window
 from tilepipe.ledger import Facts
 from tilepipe.raster import Raster
 from tilepipe.street_parameters import StreetParameters
@@ -17,8 +18,11 @@ from tilepipe_kernels import levels
 
 LARGEST_GREY = 255.0
 
-_RESIDUAL_STEPS = 8
-_RESIDUAL_BINS = 256 * _RESIDUAL_STEPS
+_NOISE_ROWS = 4
+"""The noise is measured on every so-maniest global row."""
+
+_MEDIAN_DIFFERENCE = 0.6745 * math.sqrt(2)
+"""Median absolute difference of two values with normal noise of standard deviation 1."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +30,8 @@ class GreyScale:
     """How values become grey levels 0–255, and the two classes of the raster.
 
     ``darkest`` and ``brightest`` are the values that become 0 and 255; ``threshold`` parts dark from bright grey
-    levels; ``dark`` and ``bright`` are the mean grey levels of the two classes.
+    levels; ``dark`` and ``bright`` are the mean grey levels of the two classes; ``noise`` is the standard deviation
+    of the noise in grey levels.
     """
 
     darkest: float
@@ -34,6 +39,7 @@ class GreyScale:
     threshold: float
     dark: float
     bright: float
+    noise: float
 
     def apply(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
         """Stretch values to grey levels, clipped to 0–255; NaN stays."""
@@ -43,10 +49,25 @@ class GreyScale:
 
 
 def count_values(raster: Raster, tile: Tile) -> Facts:
-    """Tile function: histogram of the valid values as filled bins and their counts."""
-    counts = levels.histogram(raster.read(tile.core))
-    bins = np.flatnonzero(counts)
-    return {"bins": bins.astype(np.int32), "counts": counts[bins]}
+    """Tile function (halo 1): histograms of the valid values and of their differences to the right neighbour."""
+    values = raster.read(tile.padded)
+    core = tile.core_in_padded
+    beside = Window(core.top, core.left, core.bottom, min(core.right + 1, values.shape[1]))
+    rows = values[beside.slices][-tile.core.top % _NOISE_ROWS :: _NOISE_ROWS]
+    facts: Facts = {}
+    for name, counted in (("value", values[core.slices]), ("difference", np.abs(np.diff(rows, axis=1)))):
+        counts = levels.histogram(counted)
+        bins = np.flatnonzero(counts)
+        facts |= {f"{name}:bins": bins.astype(np.int32), f"{name}:counts": counts[bins]}
+    return facts
+
+
+def _added(facts: list[Facts], name: str) -> NDArray[np.int64]:
+    """Sum of the histograms of all tiles."""
+    counts = np.zeros(levels.BINS, np.int64)
+    for tile in facts:
+        counts[tile[f"{name}:bins"]] += tile[f"{name}:counts"]
+    return counts
 
 
 def grey_scale(facts: list[Facts], parameters: StreetParameters, name: str) -> GreyScale:
@@ -57,9 +78,7 @@ def grey_scale(facts: list[Facts], parameters: StreetParameters, name: str) -> G
     InputError
         When the raster holds only nodata or a single value.
     """
-    counts = np.zeros(levels.BINS, np.int64)
-    for tile in facts:
-        counts[tile["bins"]] += tile["counts"]
+    counts = _added(facts, "value")
     filled = np.flatnonzero(counts)
     if filled.size == 0:
         raise InputError(f"{name}: holds nothing but nodata; check the file and its nodata value")
@@ -69,31 +88,22 @@ def grey_scale(facts: list[Facts], parameters: StreetParameters, name: str) -> G
     brightest = levels.percentile(counts, parameters.highest_percentile)
     if not brightest > darkest:
         darkest, brightest = (float(value) for value in levels.bin_values(filled[[0, -1]]))
-    plain = GreyScale(darkest, brightest, 0.0, 0.0, 0.0)
+    plain = GreyScale(darkest, brightest, 0.0, 0.0, 0.0, 0.0)
     grey = np.rint(plain.apply(levels.bin_values(filled))).astype(np.int64)
     split, dark, bright = levels.otsu_classes(_counted(grey, counts[filled]))
     threshold = split + 0.5 if parameters.darkness is None else parameters.darkness
-    return GreyScale(darkest, brightest, threshold, dark, bright)
+    return GreyScale(darkest, brightest, threshold, dark, bright, _noise(facts, darkest, brightest))
+
+
+def _noise(facts: list[Facts], darkest: float, brightest: float) -> float:
+    """Standard deviation of the grey levels' noise from the median difference of neighbours: edges do not move it."""
+    counts = _added(facts, "difference")
+    if not counts.any():
+        return 0.0
+    return levels.percentile(counts, 50.0) * LARGEST_GREY / (brightest - darkest) / _MEDIAN_DIFFERENCE
 
 
 def _counted(grey: NDArray[np.int64], counts: NDArray[Any]) -> NDArray[np.int64]:
     result = np.zeros(int(LARGEST_GREY) + 1, np.int64)
     np.add.at(result, grey, counts)
     return result
-
-
-def residual_counts(grey: NDArray[np.float32], smooth: NDArray[np.float32]) -> NDArray[np.int64]:
-    """Count how far smoothing moved the grey levels, in steps of 1/8, where both are valid."""
-    moved = np.abs(grey - smooth)
-    bins = (moved[~np.isnan(moved)] * np.float32(_RESIDUAL_STEPS)).astype(np.int32)
-    return np.bincount(np.minimum(bins, _RESIDUAL_BINS - 1), minlength=_RESIDUAL_BINS)
-
-
-def residual_noise(facts: list[Facts]) -> float:
-    """Standard deviation of the grey levels' noise from the median residual (a normal one's is 0.6745 of it)."""
-    counts = np.sum([f["residuals"] for f in facts], axis=0)
-    total = int(counts.sum())
-    if total == 0:
-        return 0.0
-    middle = int(np.searchsorted(np.cumsum(counts), (total + 1) // 2))
-    return (middle + 0.5) / _RESIDUAL_STEPS / 0.6745

@@ -21,7 +21,7 @@ from tilepipe_kernels.line_model import position_standard_error
 from tilepipe_kernels.tracing import Fragments
 
 _TILES_IN_MEMORY = 8
-_END_POINTS = 10
+_END_POINTS = 20
 """Points at each end of a line over which its end widths are taken."""
 
 COLUMNS: dict[str, str] = {
@@ -191,12 +191,10 @@ def _means(values: NDArray[np.float64], offsets: NDArray[np.int64]) -> NDArray[n
 def _most_frequent(values: NDArray[np.int64], offsets: NDArray[np.int64], groups: int) -> NDArray[np.int64]:
     """Most frequent positive value of each group, the lowest of equals; 0 where there is none."""
     group = np.repeat(np.arange(groups), np.diff(offsets))
-    found = np.stack([group, values], axis=1)[values > 0]
-    result = np.zeros(groups, np.int64)
-    if found.size == 0:
-        return result
-    pairs, count = np.unique(found, axis=0, return_counts=True)
+    keys, count = np.unique((group << 32 | values)[values > 0], return_counts=True)
+    group, value = keys >> 32, keys & 0xFFFFFFFF
     # sorted so that the winner of each group comes last
-    order = np.lexsort((-pairs[:, 1], count, pairs[:, 0]))
-    result[pairs[order, 0]] = pairs[order, 1]
+    order = np.lexsort((-value, count, group))
+    result = np.zeros(groups, np.int64)
+    result[group[order]] = value[order]
     return result

@@ -35,9 +35,11 @@ class StreetParameters(BaseModel):
     diffusion_steps: int = Field(50, ge=0, le=1000, description="number of diffusion steps (n)")
     time_step: float = Field(0.5, gt=0, description="time step of the diffusion (dt)")
     conductance: float = Field(1.0, ge=0, description="k of g = 1/(1 + k·(gradient/edge_gradient)²)")
-    edge_gradient: float = Field(10.0, gt=0, description="grey levels per pixel that make an edge")
+    edge_gradient: float | None = Field(
+        None, gt=0, description="grey levels per pixel that make an edge; none = 0.75 of the raster's noise"
+    )
     gradient_sigma: float = Field(0.5, ge=0, description="Gaussian of the gradient (σ, m)")
-    fidelity: float = Field(0.5, ge=0, le=1, description="pull towards the input at edges (λ)")
+    fidelity: float = Field(0.7, ge=0, le=1, description="pull towards the input at edges (λ)")
 
     # region growing
     rectangle_rows: int = Field(1, ge=1, le=99, description="rows of a rectangle, odd (row)")
@@ -55,7 +57,7 @@ class StreetParameters(BaseModel):
     maximum_mean_width: float = Field(25.0, gt=0, description="largest mean width of a street region (m)")
     maximum_height: float = Field(1.0, gt=0, description="with a height raster: highest above ground on a street (m)")
     ground_window: float = Field(40.0, gt=0, description="with a height raster: wider than the widest roof (m)")
-    closing_radius: float = Field(1.5, ge=0, description="gaps of regions closed by a disc of this radius (m)")
+    closing_radius: float = Field(1.0, ge=0, description="gaps of regions closed by a disc of this radius (m)")
     speck_size: float = Field(6.0, ge=0, description="holes that fit in a square of this side are filled: cars (m)")
     opening_radius: float = Field(1.0, ge=0, description="whiskers of regions opened by a disc of this radius (m)")
 
@@ -69,6 +71,7 @@ class StreetParameters(BaseModel):
     low: float = Field(0.2, ge=0, description="lower hysteresis threshold")
     high: float = Field(0.5, ge=0, description="upper hysteresis threshold")
     minimum_street_width: float = Field(4.0, gt=0, description="narrowest street that must pass the thresholds (m)")
+    junction_distance: float = Field(8.0, ge=0, description="junctions this near to each other become one (m)")
     minimum_length: float = Field(30.0, ge=0, description="shortest line or group of lines kept (m)")
     maximum_gap: float = Field(15.0, ge=0, description="longest gap between a line's end and the next line closed (m)")
     maximum_gap_angle: float = Field(30.0, ge=0, le=90, description="largest turn on closing a gap (degrees)")

@@ -14,7 +14,7 @@ from tilepipe.passes import StateArray, write_state
 from tilepipe.raster import Raster
 from tilepipe.regions import SUMMED
 from tilepipe.seams import edge_facts, raster_borders, touches_seam
-from tilepipe.street_levels import GreyScale, residual_counts
+from tilepipe.street_levels import GreyScale
 from tilepipe.street_parameters import StreetParameters
 from tilepipe_kernels import diffusion, growing, morphology, region_table
 from tilepipe_kernels.fill import fill_voids
@@ -24,6 +24,9 @@ GREY_STEPS = 128
 
 NO_REGION = 65534
 """Stored grey of a pixel that belongs to no region (65535 when it is nodata as well)."""
+
+_EDGE_PER_NOISE, _LEAST_EDGE = 0.75, 4.0
+"""An edge is steeper than this share of the noise (found on five scenes), and than so many grey levels per pixel."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +82,6 @@ def segment(context: SegmentContext, tile: Tile) -> Facts:
     missing = np.isnan(values[tile.core_in_padded.slices])
     grey = context.scale.apply(values)
     smooth = _smooth(context, tile, grey)
-    residuals = residual_counts(grey[tile.core_in_padded.slices], smooth)
     if context.heights is not None:
         smooth[_is_raised(context, tile)] = np.nan
     rows, columns = context.rectangle
@@ -89,7 +91,6 @@ def segment(context: SegmentContext, tile: Tile) -> Facts:
     labels = region_table.select_labels(labels, kept)
     packed = _pack_grey(smooth, _expand(labels > 0, context.rectangle, smooth.shape), missing)
     facts = write_state({"labels": context.labels, "grey": context.grey}, tile, {"labels": labels, "grey": packed})
-    facts["residuals"] = residuals
     return facts | table | edge_facts("label", labels) | edge_facts("grey", centres)
 
 
@@ -97,7 +98,9 @@ def _smooth(context: SegmentContext, tile: Tile, grey: NDArray[np.float32]) -> N
     """Grey levels of the core after bridging small voids and diffusion."""
     p = context.parameters
     resolution = context.raster.geometry.resolution
-    conductance = p.conductance / p.edge_gradient**2 if p.diffusion_model == "curvature" else p.edge_gradient
+    conductance = edge_gradient(context)
+    if p.diffusion_model == "curvature":
+        conductance = p.conductance / conductance**2
     return diffusion.diffuse(
         fill_voids(grey, reach_in_pixels(p, resolution)),
         steps=p.diffusion_steps,
@@ -108,6 +111,12 @@ def _smooth(context: SegmentContext, tile: Tile, grey: NDArray[np.float32]) -> N
         model=p.diffusion_model,
         core=tile.core_in_padded.as_tuple(),
     )
+
+
+def edge_gradient(context: SegmentContext) -> float:
+    """Gradient that makes an edge, in grey levels per pixel: as given, or in proportion to the raster's noise."""
+    given = context.parameters.edge_gradient
+    return given if given is not None else max(_LEAST_EDGE, _EDGE_PER_NOISE * context.scale.noise)
 
 
 def _is_raised(context: SegmentContext, tile: Tile) -> NDArray[np.bool_]:

@@ -41,7 +41,7 @@ def count_responses(context: LineContext, tile: Tile) -> Facts:
 
 
 def line_thresholds(
-    parameters: StreetParameters, scale: GreyScale, resolution: float, noise: float, responses: list[Facts]
+    parameters: StreetParameters, scale: GreyScale, resolution: float, responses: list[Facts]
 ) -> Thresholds:
     """Thresholds as the parameters mean them.
 
@@ -65,9 +65,9 @@ def line_thresholds(
     else:
         counts = np.sum([f["responses"] for f in responses], axis=0)
         if counts.sum() == 0:
-            return Thresholds(1.0, 1.0, sigma, noise)
+            return Thresholds(1.0, 1.0, sigma, scale.noise)
         unit = ridges.thresholds_from_histogram(counts, RESPONSE_EDGES)[1]
     low, high = p.low * unit, p.high * unit
     if not low > 0:
         raise InputError(f"parameter low={p.low} makes every point a line: use a value above 0")
-    return Thresholds(low, high, sigma, noise)
+    return Thresholds(low, high, sigma, scale.noise)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,7 +24,7 @@ from tilepipe.raster import Raster, check_aligned, open_raster
 from tilepipe.reconcile import Numbering
 from tilepipe.regions import Regions, reconcile_regions
 from tilepipe.run import STATE, Record, Run, open_run
-from tilepipe.street_levels import GreyScale, count_values, grey_scale, residual_noise
+from tilepipe.street_levels import GreyScale, count_values, grey_scale
 from tilepipe.street_network import LineScale, write_centerlines
 from tilepipe.street_parameters import StreetParameters, street_parameters
 from tilepipe.street_thresholds import Thresholds, count_responses, line_thresholds
@@ -86,7 +87,7 @@ def streets(
         scale = grey_scale(run.run_pass(job.levels_pass(run.state)), job.parameters, job.raster.names[0])
         segmented = run.run_pass(job.segment_pass(run.state, scale))
         regions = job.reconcile(run, segmented)
-        thresholds = job.thresholds(run, scale, regions, segmented)
+        thresholds = job.thresholds(run, scale, regions)
         run.run_pass(job.lines_pass(run.state, scale, regions, thresholds.low))
         layers = job.write_layers(run, thresholds)
         run.publish(layers, job.record(out), keep=_all_names())
@@ -171,7 +172,7 @@ class _Job:
         }
 
     def levels_pass(self, state: Path) -> Pass:
-        return Pass("levels", count_values, self.raster, self.grid, halo=0, bytes_per_pixel=12)
+        return Pass("levels", count_values, self.raster, self.grid, halo=1, bytes_per_pixel=16)
 
     def segment_pass(self, state: Path, scale: GreyScale) -> Pass:
         arrays = self.state_arrays(state)
@@ -206,15 +207,14 @@ class _Job:
             **arrays,
         )
 
-    def thresholds(self, run: Run, scale: GreyScale, regions: Regions, facts: list[Facts]) -> Thresholds:
+    def thresholds(self, run: Run, scale: GreyScale, regions: Regions) -> Thresholds:
         """Thresholds of the line response and the noise of the grey levels, both global."""
-        noise = residual_noise(facts)
         responses: list[Facts] = []
         if self.parameters.thresholds == "histogram":
             context = self._line_context(run.state, scale, regions, low=1e-6)
             halo = street_lines.halo(self.parameters, self.resolution)
             responses = run.run_pass(Pass("responses", count_responses, context, self.grid, halo, bytes_per_pixel=40))
-        return line_thresholds(self.parameters, scale, self.resolution, noise, responses)
+        return line_thresholds(self.parameters, scale, self.resolution, responses)
 
     def lines_pass(self, state: Path, scale: GreyScale, regions: Regions, low: float) -> Pass:
         context = self._line_context(state, scale, regions, low)
@@ -224,21 +224,26 @@ class _Job:
 
     def write_layers(self, run: Run, thresholds: Thresholds) -> dict[str, Path]:
         """Write all layers into the state folder; final name → file."""
-        layers: dict[str, Path] = {}
+        with ThreadPoolExecutor(min(3, self.options.workers)) as pool:
+            raster = pool.submit(self._write_raster, run)
+            lines = [pool.submit(self._write_lines, run, thresholds, name) for name in LINE_LAYERS]
+            paths = [job.result() for job in (raster, *lines)]
+        return {path.name: path for path in paths}
+
+    def _write_raster(self, run: Run) -> Path:
         with run.timed("export raster"):
-            layers["streets.tif"] = run.state / "streets.tif"
+            path = run.state / "streets.tif"
             array = self.state_arrays(run.state)["streets"]
-            write_cog(layers["streets.tif"], array, self.raster.geometry, nodata=street_lines.NODATA)
-        ledger = Ledger(run.state / "lines")
-        for name, prefix in LINE_LAYERS.items():
-            with run.timed(f"reconcile {name}"):
-                path = run.state / f"{name}.parquet"
-                rules, margin = self._rules(prefix, thresholds)
-                write_centerlines(path, ledger, self.grid, prefix, rules, self._line_scale(thresholds), margin)
-                if self.options.format != "parquet":
-                    path = convert(path, self.options.format)
-            layers[path.name] = path
-        return layers
+            write_cog(path, array, self.raster.geometry, nodata=street_lines.NODATA)
+            return path
+
+    def _write_lines(self, run: Run, thresholds: Thresholds, name: str) -> Path:
+        with run.timed(f"reconcile {name}"):
+            prefix, path = LINE_LAYERS[name], run.state / f"{name}.parquet"
+            rules, margin = self._rules(prefix, thresholds)
+            ledger = Ledger(run.state / "lines")
+            write_centerlines(path, ledger, self.grid, prefix, rules, self._line_scale(thresholds), margin)
+            return path if self.options.format == "parquet" else convert(path, self.options.format)
 
     def _line_scale(self, thresholds: Thresholds) -> LineScale:
         return LineScale(self.raster.geometry, thresholds.sigma, thresholds.noise, self.parameters.simplification)
@@ -248,7 +253,7 @@ class _Job:
         p = self.parameters
         pixels = 1 / self.resolution
         rules = NetworkRules(
-            contraction=max(2.0, 2.0 * pixels),
+            contraction=max(2.0, p.junction_distance * pixels),
             maximum_gap=p.maximum_gap * pixels,
             maximum_angle=min(max(p.maximum_gap_angle, 1.0), 89.0),
             minimum_branch=p.minimum_branch * pixels,
@@ -265,7 +270,7 @@ class _Job:
     def plan(self) -> Plan:
         """What a run will do and need."""
         nowhere = Path(STATE)
-        scale = GreyScale(0.0, 1.0, 0.0, 0.0, 1.0)
+        scale = GreyScale(0.0, 1.0, 0.0, 0.0, 1.0, 0.0)
         nothing, none = np.empty(0), np.empty(0, np.int64)
         regions = Regions(none, nothing, nothing, nothing, none, Numbering(np.zeros(1, np.int64)))
         passes = [

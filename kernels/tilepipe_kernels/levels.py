@@ -62,12 +62,14 @@ def percentile(counts: NDArray[np.int64], percent: float) -> float:
     Raises
     ------
     ValueError
-        When nothing was counted.
+        When nothing was counted, or ``percent`` is not within 0–100.
     """
+    if not 0 <= percent <= 100:
+        raise ValueError(f"percent must lie in 0 .. 100, not {percent}")
     cumulative = np.cumsum(counts)
     if cumulative[-1] == 0:
         raise ValueError("the histogram is empty")
-    target = max(1, int(np.ceil(cumulative[-1] * (percent / 100.0))))
+    target = max(1, int(np.ceil(cumulative[-1] * percent / 100.0)))
     return float(bin_values(np.array([np.searchsorted(cumulative, target)]))[0])
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from .compiled import loop
-from .distance import distance_squared, mask_bytes
+from .distance import mask_bytes
 
 
 def halo(radius: float) -> int:
@@ -43,12 +43,12 @@ def open_mask(mask: NDArray[Any], radius: float) -> NDArray[np.bool_]:
     ValueError
         For a mask that is no 2-D array of bool or integers, or a negative radius.
     """
-    return _dilated(_eroded(mask_bytes(mask), radius), radius)
+    return _dilated(_eroded(mask_bytes(mask), radius).view(np.uint8), radius)
 
 
 def close_mask(mask: NDArray[Any], radius: float) -> NDArray[np.bool_]:
     """Fill gaps that a disc does not fit into: the opening of the background; see :func:`open_mask`."""
-    return _eroded(_dilated(mask_bytes(mask), radius), radius)
+    return _eroded(_dilated(mask_bytes(mask), radius).view(np.uint8), radius)
 
 
 def fill_specks(mask: NDArray[Any], size: int) -> NDArray[np.bool_]:
@@ -124,12 +124,34 @@ def _reach(radius: float) -> int:
     return math.ceil(radius)
 
 
-def _eroded(mask: NDArray[Any], radius: float) -> NDArray[np.bool_]:
-    return distance_squared(mask, max(1, _reach(radius))) > radius * radius
+def _eroded(mask: NDArray[np.uint8], radius: float) -> NDArray[np.bool_]:
+    return ~_dilated(mask ^ np.uint8(1), radius)
 
 
-def _dilated(mask: NDArray[Any], radius: float) -> NDArray[np.bool_]:
-    return distance_squared(mask == 0, max(1, _reach(radius))) <= radius * radius
+def _dilated(mask: NDArray[np.uint8], radius: float) -> NDArray[np.bool_]:
+    _reach(radius)
+    # the disc as its rows: half their widths, for the row of the centre and those below it
+    below = np.arange(math.floor(radius) + 1)
+    half_widths = np.floor(np.sqrt(radius * radius - below**2)).astype(np.int64)
+    dilated = np.zeros(mask.shape, np.uint8)
+    _dilate(mask, half_widths, dilated)
+    return dilated.view(np.bool_)
+
+
+@loop
+def _dilate(mask: NDArray[np.uint8], half_widths: NDArray[np.int64], dilated: NDArray[np.uint8]) -> None:
+    """Union of the mask shifted by every offset of a disc, row by row: as many fast byte operations as offsets."""
+    rows, columns = mask.shape
+    for i in range(rows):
+        result = dilated[i]
+        for down in range(1 - half_widths.size, half_widths.size):
+            if 0 <= i + down < rows:
+                source, width = mask[i + down], half_widths[abs(down)]
+                for shift in range(-width, width + 1):
+                    start, stop = max(0, -shift), min(columns, columns - shift)
+                    into, given = result[start:stop], source[start + shift : stop + shift]
+                    for j in range(into.size):
+                        into[j] |= given[j]
 
 
 @loop
