@@ -110,3 +110,15 @@ def test_a_core_of_the_wrong_shape_is_refused(context):
     context.result.create()
     with pytest.raises(ValueError, match="core"):
         context.result.write(GRID.tile(0), np.zeros((3, 3)))
+
+
+def test_an_array_made_anew_under_the_same_name_is_opened_anew(tmp_path):
+    import shutil
+
+    for tile in (10, 7):
+        array = StateArray(tmp_path / "a.zarr", TileGrid((20, 20), (tile, tile)), "int32")
+        array.create()
+        array.write(array.grid.tile(1), np.full(array.grid.tile(1).core.shape, tile))
+        assert array.read(array.grid.tile(1).core).min() == tile
+        assert len(list((tmp_path / "a.zarr" / "c").rglob("*"))) == 2
+        shutil.rmtree(array.path)

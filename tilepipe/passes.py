@@ -105,8 +105,13 @@ def _chunk(size: int) -> int:
     return divisor if divisor >= min(size, _CHUNK // 4) else size
 
 
-@lru_cache(maxsize=64)
 def _open_array(path: Path) -> Any:
+    # a later run may make another array of the same name, so the handle is kept per version of its metadata
+    return _opened_array(path, (path / "zarr.json").stat().st_mtime_ns)
+
+
+@lru_cache(maxsize=64)
+def _opened_array(path: Path, _version: int) -> Any:
     import zarr
 
     return zarr.open_array(path, mode="r+")
