@@ -134,7 +134,11 @@ def _simplified(
     if scale.simplification == 0 or len(offsets) == 1:
         return xy, offsets
     tolerance = scale.simplification / scale.geometry.metres
-    lines = shapely.simplify(lines_from_ragged(xy, offsets), tolerance, preserve_topology=True)
+    lines = lines_from_ragged(xy, offsets)
+    # the plain algorithm is faster, but could collapse a small ring
+    ring = (xy[offsets[:-1]] == xy[offsets[1:] - 1]).all(axis=1)
+    lines[ring] = shapely.simplify(lines[ring], tolerance, preserve_topology=True)
+    lines[~ring] = shapely.simplify(lines[~ring], tolerance, preserve_topology=False)
     _, vertices, (starts,) = shapely.to_ragged_array(lines)
     return vertices, np.asarray(starts, np.int64)
 
