@@ -15,17 +15,19 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="bench", description="Speed and quality beside the named peers.")
     commands = parser.add_subparsers(dest="command", required=True)
     kernels = commands.add_parser("kernels", help="each kernel and the engine beside their peers")
-    kernels.add_argument("--only", default="", help="cases whose name holds this text")
+    kernels.add_argument("--only", default="", help="cases whose name holds this text; no page")
     streets = commands.add_parser("streets", help="the streets pipeline from end to end")
     streets.add_argument("--steps", type=int, default=50, help="diffusion steps")
     for command in (kernels, streets):
         command.add_argument("--size", type=int, nargs="+", help="side of the scene in pixels; several for streets")
         command.add_argument("--quick", action="store_true", help="a small scene, few rounds, no page: under a minute")
         command.add_argument("--rounds", type=int, help="repetitions after the warm-up")
-        command.add_argument("--no-peers", action="store_true", help="measure tilepipe alone")
+        command.add_argument("--no-peers", action="store_true", help="measure tilepipe alone; no page")
         command.add_argument("--scratch", type=Path, help="folder for temporary files")
     arguments = parser.parse_args()
-    page: dict[str, Any] = {"results": None} if arguments.quick else {}
+    # a part of the cases, or of the work, is no page to cite
+    partial = arguments.quick or arguments.no_peers or getattr(arguments, "only", "")
+    page: dict[str, Any] = {"results": None} if partial else {}
     if arguments.command == "kernels":
         from benchmarks.kernels import ENGINE_SIZE, QUICK_SIZE, SIZE, run_kernels
 

@@ -31,7 +31,7 @@ LONG = 120.0
 
 LEGEND = (
     "The whole command, from the start of the interpreter to the last file; median of the rounds. *peak* is the most "
-    "memory of the process, in use at one time. Scores are those of Heipke et al. (1997) within {buffer:g} m of the "
+    "memory that it held, children included. Scores are those of Heipke et al. (1997) within {buffer:g} m of the "
     "true centerlines, also where trees, cars or voids hide a street. *Plain script* is `benchmarks/plain_script.py`."
 )
 
@@ -201,8 +201,8 @@ def _score_cells(score: LineScore) -> list[str]:
 
 
 def _stage_table(outcomes: Sequence[Outcome]) -> Table:
-    """Seconds and share of the time per stage, medians; the start of the interpreter is the rest."""
-    table = Table("Where the time goes", ("stage", *(f"{o.size}²" for o in outcomes)))
+    """Seconds and share of the time per stage, medians; what stages at work at one time leave over is the rest."""
+    table = Table("Where the time goes (stages may overlap)", ("stage", *(f"{o.size}²" for o in outcomes)))
     names = list(dict.fromkeys(name for outcome in outcomes for name in outcome.stages[0]))
     columns = []
     for outcome in outcomes:
