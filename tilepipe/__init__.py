@@ -8,6 +8,8 @@ The pipelines are functions of this package, imported on first use so that ``imp
 
 from __future__ import annotations
 
+import sys
+from types import ModuleType
 from typing import Any
 
 __version__ = "0.1.0"
@@ -36,3 +38,15 @@ def __getattr__(name: str) -> Any:
     if name == "accessor":
         return import_module("tilepipe.accessor")
     raise AttributeError(f"module 'tilepipe' has no attribute '{name}'")
+
+
+class _Package(ModuleType):
+    """The package; the import of the module `tilepipe.streets` must not hide the function `tilepipe.streets`."""
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name in _EXPORTS and isinstance(value, ModuleType):
+            value = getattr(value, name)
+        super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _Package

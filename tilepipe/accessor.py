@@ -2,11 +2,12 @@
 
 Every operator keeps chunks, coordinates, attributes and CRS, computes nothing by itself when the array is lazy (over
 dask), and gives the same values whatever the chunks are: each chunk is computed with its halo.  Greys and lengths of
-pixels are those of the kernels; nodata is NaN.
+pixels are those of the kernels; nodata is NaN or the array's own nodata value.
 """
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable
 from typing import Any
 
@@ -19,9 +20,13 @@ from tilepipe.grid import Tile, TileGrid, Window
 from tilepipe.ledger import Facts
 from tilepipe.regions import SUMMED, Regions, reconcile_regions
 from tilepipe.seams import edge_facts, raster_borders, touches_seam
+from tilepipe.sources import as_block, nodata_of
 from tilepipe_kernels import diffusion, growing, morphology, region_table, ridges, skeleton
 
 BlockFunction = Callable[[NDArray[Any], Tile], NDArray[Any]]
+
+_NODATA = ("_FillValue", "missing_value", "fill_value", "nodata", "nodatavals")
+_PACKING = ("dtype", "rasterio_dtype", "scale_factor", "add_offset")
 
 
 @xr.register_dataarray_accessor("tilepipe")
@@ -82,7 +87,7 @@ class TilepipeAccessor:
         xarray.DataArray of uint32
             Region 1, 2, … in the order of their first pixels; 0 = none.
         """
-        grow = _Growing(tolerance, minimum_size, maximum)
+        grow = _Growing(tolerance, minimum_size, maximum, nodata_of(self._array))
         data = self._array.data
         if not hasattr(data, "dask"):
             tile = TileGrid(data.shape, data.shape).tile(0)
@@ -147,25 +152,45 @@ class TilepipeAccessor:
 
     def _map(self, function: BlockFunction, halo: int, dtype: DTypeLike) -> xr.DataArray:
         """Apply a local function to every chunk and its halo."""
-        data = self._array.data
+        data, nodata = self._array.data, nodata_of(self._array)
+
+        def on_pieces(pieces: list[list[NDArray[Any]]], tile: Tile) -> NDArray[Any]:
+            return function(_blanked(np.block(pieces), nodata), tile)
+
         if not hasattr(data, "dask"):
-            return self._like(function(np.asarray(data), TileGrid(data.shape, data.shape).tile(0)))
+            return self._like(on_pieces([[np.asarray(data)]], TileGrid(data.shape, data.shape).tile(0)))
         import dask
         import dask.array as da
 
-        delayed = dask.delayed(function, pure=False)
+        delayed, tiles = dask.delayed(on_pieces, pure=False), _chunk_tiles(data, halo)
+        chunks = data.to_delayed(optimize_graph=False)
         blocks = [
             [
-                da.from_delayed(delayed(data[tile.padded.slices], tile), shape=tile.core.shape, dtype=dtype)
+                da.from_delayed(delayed(_pieces(chunks, tiles, tile), tile), shape=tile.core.shape, dtype=dtype)
                 for tile in row
             ]
-            for row in _chunk_tiles(data, halo)
+            for row in tiles
         ]
         return self._like(da.block(blocks))
 
     def _like(self, data: Any) -> xr.DataArray:
-        """The array with other values: same dims, coordinates, attributes and CRS."""
-        return self._array.copy(data=data)
+        """The array with other values: same dims, coordinates, CRS and attributes but those of the nodata value."""
+        result = self._array.copy(data=data)
+        marked = False
+        for name in _NODATA:
+            marked |= name in result.attrs or name in result.encoding
+            result.attrs.pop(name, None)
+        # how the input was packed on disk does not suit other values
+        for name in _NODATA + _PACKING:
+            result.encoding.pop(name, None)
+        if marked and result.dtype.kind == "f":
+            result.attrs["_FillValue"] = np.nan
+        return result
+
+
+def _blanked(block: NDArray[Any], nodata: float | None) -> NDArray[Any]:
+    """A block with NaN where it holds the array's nodata value."""
+    return block if nodata is None or block.dtype.kind == "b" else as_block(block, nodata)
 
 
 def _chunk_tiles(data: Any, halo: int) -> list[list[Tile]]:
@@ -182,6 +207,24 @@ def _chunk_tiles(data: Any, halo: int) -> list[list[Tile]]:
     return tiles
 
 
+def _pieces(chunks: NDArray[Any], tiles: list[list[Tile]], tile: Tile) -> list[list[Any]]:
+    """The parts of the chunks around a tile that make up its padded window; every chunk is computed only once."""
+    import dask
+
+    cut = dask.delayed(operator.getitem, pure=True)
+    found: list[list[Any]] = []
+    for i, row in enumerate(tiles):
+        if row[0].core.bottom <= tile.padded.top or row[0].core.top >= tile.padded.bottom:
+            continue
+        found.append([])
+        for j, other in enumerate(row):
+            part = tile.padded.intersection(other.core)
+            if not part.is_empty:
+                chunk = chunks[i, j]
+                found[-1].append(chunk if part == other.core else cut(chunk, part.relative_to(other.core).slices))
+    return found
+
+
 def _grid_of(data: Any) -> TileGrid:
     """The tiling of a dask array with even chunks."""
     sizes = tuple(max(sizes) for sizes in data.chunks)
@@ -196,12 +239,12 @@ def _grid_of(data: Any) -> TileGrid:
 class _Growing:
     """Region growing on blocks, its reconciliation and the publication of ids."""
 
-    def __init__(self, tolerance: float, minimum_size: int, maximum: float) -> None:
-        self.tolerance, self.minimum_size, self.maximum = tolerance, minimum_size, maximum
+    def __init__(self, tolerance: float, minimum_size: int, maximum: float, nodata: float | None) -> None:
+        self.tolerance, self.minimum_size, self.maximum, self.nodata = tolerance, minimum_size, maximum, nodata
 
     def block(self, block: NDArray[Any], tile: Tile, grid: TileGrid) -> tuple[NDArray[np.int32], Facts]:
         """Labels of a block and what the reconciliation needs."""
-        values = np.ascontiguousarray(block, np.float32)
+        values = np.ascontiguousarray(_blanked(block, self.nodata), np.float32)
         labels = growing.grow_regions(values, self.tolerance, maximum=self.maximum)
         borders, count = raster_borders(grid, tile.number), int(labels.max(initial=0))
         table = region_table.region_table(labels, values, count, borders=borders)
@@ -229,7 +272,8 @@ def _grow_lazily(data: Any, grow: _Growing, grid: TileGrid) -> Any:
     import dask.array as da
 
     block = dask.delayed(grow.block, nout=2, pure=False)
-    found = [block(data[tile.core.slices], tile, grid) for tile in grid.tiles()]
+    chunks = data.to_delayed(optimize_graph=False).ravel()
+    found = [block(chunk, tile, grid) for chunk, tile in zip(chunks, grid.tiles(), strict=True)]
     regions = dask.delayed(grow.reconcile, pure=False)(grid, [facts for _, facts in found])
     publish = dask.delayed(grow.publish, pure=False)
     rows, columns = grid.counts

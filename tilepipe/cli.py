@@ -8,7 +8,7 @@ import sys
 import tomllib
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NoReturn
 
 import typer
 
@@ -116,6 +116,9 @@ def _streets_of_record(record: dict[str, Any], *, overwrite: bool, quiet: bool, 
     from tilepipe.progress import progress_bars
     from tilepipe.streets import plan_streets, streets
 
+    for name in ("inputs", "options", "parameters"):
+        if not isinstance(record.get(name, {}), dict):
+            raise InputError(f"the record's '{name}' is no table: write [{name}]")
     inputs, options = dict(record.get("inputs", {})), dict(record.get("options", {}))
     if isinstance(options.get("memory"), str):
         options["memory"] = parse_memory(options["memory"])
@@ -321,5 +324,14 @@ def main() -> None:
         print(f"tilepipe: error: {error}", file=sys.stderr)
         sys.exit(BAD_INPUT if isinstance(error, InputError) else FAILED)
     except KeyboardInterrupt:
-        print("tilepipe: interrupted; run the same command again to resume", file=sys.stderr)
-        sys.exit(INTERRUPTED)
+        _stop_interrupted()
+    except SystemExit as stopped:
+        # typer turns an interruption into this code, without a word
+        if stopped.code == INTERRUPTED:
+            _stop_interrupted()
+        raise
+
+
+def _stop_interrupted() -> NoReturn:
+    print("tilepipe: interrupted; run the same command again to resume", file=sys.stderr)
+    sys.exit(INTERRUPTED)

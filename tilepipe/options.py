@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 import re
 from dataclasses import dataclass, field
 
@@ -68,6 +69,12 @@ class RunOptions:
     overwrite: bool = False
 
     def __post_init__(self) -> None:
+        for name in ("tile", "workers", "memory", "seed"):
+            value = getattr(self, name)
+            try:
+                object.__setattr__(self, name, operator.index(value))
+            except TypeError:
+                raise InputError(f"{name} {value!r} is no whole number") from None
         if self.tile < 1:
             raise InputError(f"tile size {self.tile} is too small: use at least 1, better 1024 or more")
         if self.workers < 1:

@@ -12,7 +12,13 @@ from tilepipe.passes import Pass
 from tilepipe.raster import Raster
 
 _BASE = 350 << 20
-"""Memory of the interpreter, the libraries and GDAL's caches."""
+"""Memory of the interpreter, the libraries and the compiled kernels."""
+
+_EXPORT = 160 << 20
+"""Memory of the libraries that write layers and of GDAL's cache."""
+
+_EXPORT_PER_COLUMN = 16 << 10
+"""Strips of the layer being written and of its overviews, in bytes per column of the raster."""
 
 _PER_SEAM_PIXEL = 160
 """Global facts (edges of cores, region table, seam graph) per pixel of the seams, in bytes."""
@@ -20,7 +26,7 @@ _PER_SEAM_PIXEL = 160
 _PER_TILE = 1 << 20
 """Global facts that do not depend on the tile's size, in bytes."""
 
-_PER_MEGAPIXEL = 200_000
+_PER_MEGAPIXEL = 800_000
 """Fragment tables and the batch of lines being written, in bytes per Mpx of raster."""
 
 
@@ -46,12 +52,16 @@ class Plan:
     workers: int
     passes: tuple[PassPlan, ...]
     global_memory: int
+    export_memory: int
     limit: int
 
     @property
     def memory(self) -> int:
-        """Peak memory in bytes: interpreter, the hungriest pass on all workers with halos, and all global facts."""
-        return _BASE + max(p.memory for p in self.passes) + self.global_memory
+        """Peak memory in bytes: interpreter, hungriest pass on all workers with halos, global facts, export.
+
+        What a pass has freed stays with the process for the most part, so the export comes on top of it.
+        """
+        return _BASE + max(p.memory for p in self.passes) + self.global_memory + self.export_memory
 
     def check(self, options: RunOptions) -> None:
         """Refuse a run that needs more memory than allowed.
@@ -78,6 +88,7 @@ class Plan:
         ]
         for item in self.passes:
             lines.append(f"{item.name:<12}{item.halo:>10}{item.overhead:>12.0%}{format_memory(item.memory):>12}")
+        lines.append(f"{'export':<34}{format_memory(self.export_memory):>12}")
         lines.append(
             f"peak memory about {format_memory(self.memory)} with {self.workers} workers "
             f"(global facts {format_memory(self.global_memory)}); limit {format_memory(self.limit)}"
@@ -113,5 +124,6 @@ def plan_passes(command: str, raster: Raster, passes: Sequence[Pass], options: R
         workers,
         plans,
         global_memory,
+        _EXPORT + _EXPORT_PER_COLUMN * grid.shape[1],
         options.memory,
     )

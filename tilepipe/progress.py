@@ -22,6 +22,7 @@ class ProgressBars:
 
     def start(self, name: str, total: int, done: int = 0) -> None:
         """See `tilepipe.passes.Progress.start`."""
+        self.bars.start()
         note = f" ({done} done before)" if done else ""
         self.tasks[name] = self.bars.add_task(f"{name}{note}", total=total, completed=done)
 
@@ -59,5 +60,10 @@ def progress_bars(quiet: bool) -> Iterator[Progress]:
         TimeElapsedColumn(),
         TimeRemainingColumn(),
     )
-    with Bars(*columns, console=Console(stderr=True)) as bars:
-        yield ProgressBars(bars)
+    shown = ProgressBars(Bars(*columns, console=Console(stderr=True)))
+    try:
+        yield shown
+    finally:
+        # bars that were never started would leave an empty line before an error
+        if shown.tasks:
+            shown.bars.stop()

@@ -170,7 +170,7 @@ def region_mask(run: StreetsRun, bounds: Bounds, shape: tuple[int, int]) -> NDAr
     with rasterio.open(run.folder / "streets.tif") as regions:
         window = from_bounds(*bounds, transform=regions.transform)
         ids = regions.read(1, window=window, out_shape=shape, resampling=Resampling.nearest)
-    mask: NDArray[np.bool_] = ids != 0
+        mask: NDArray[np.bool_] = (ids != 0) & (ids != regions.nodata)
     return mask
 
 

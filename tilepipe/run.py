@@ -24,7 +24,12 @@ from tilepipe.passes import Pass, Progress, run_pass
 
 RECORD = "run.toml"
 STATE = ".state"
+IDENTITY = "identity.toml"
+LOCK = "lock"
 TIMINGS = "timings.json"
+
+_GDAL_CACHE = 64
+"""GDAL's cache of decoded blocks in MiB; its own choice grows with the machine and would break the memory plan."""
 
 Record = dict[str, Any]
 
@@ -53,6 +58,8 @@ def read_record(path: Path) -> Record:
         return tomllib.loads(path.read_text())
     except FileNotFoundError:
         raise InputError(f"{path}: no such file; name the run.toml of a run") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); name the run.toml of a run") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: is no valid TOML ({error})") from error
 
@@ -104,6 +111,9 @@ class Run:
         timings = {name: round(seconds, 3) for name, seconds in self.timings.items()}
         write_whole(self.folder / TIMINGS, json.dumps(timings, indent=1).encode())
         write_record(self.folder / RECORD, record)
+        # without its identity a state is nobody's, should this process end before all of it is gone
+        (self.state / RECORD).unlink(missing_ok=True)
+        (self.state / IDENTITY).unlink(missing_ok=True)
         shutil.rmtree(self.state)
 
 
@@ -131,25 +141,35 @@ def open_run(folder: Path, record: Record, identity: Record, options: RunOptions
         written; or when another process is at work in it.
     """
     state = folder / STATE
-    _check_folder(folder, identity, options.overwrite)
+    _check_folder(folder, options.overwrite)
     try:
         state.mkdir(parents=True, exist_ok=True)
-        with (state / "lock").open("w") as lock:
+        with (state / LOCK).open("w") as lock:
             _lock(lock, folder)
-            if not (state / "identity.toml").exists():
-                write_record(state / RECORD, record)
-                write_record(state / "identity.toml", identity)
-            with open_executor(options.executor, options.workers) as executor:
+            _begin(folder, record, identity, options.overwrite)
+            with _small_cache(), open_executor(options.executor, options.workers) as executor:
                 yield Run(folder, options, executor, progress)
     except OSError as error:
         raise disk_error(error, folder) from error
 
 
-def _check_folder(folder: Path, identity: Record, overwrite: bool) -> None:
-    """Refuse a folder that this run must not touch; forget the state of another run when told to overwrite."""
+def _check_folder(folder: Path, overwrite: bool) -> None:
+    """Refuse a folder that no run of this kind may touch, before anything is made in it."""
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: is a file; name a folder for the run")
-    known = folder / STATE / "identity.toml"
+    if (folder / STATE / IDENTITY).exists():
+        return
+    if (folder / RECORD).exists():
+        if not overwrite:
+            raise InputError(f"{folder}: holds a finished run; use --overwrite to replace it, or another --out")
+    elif folder.exists() and any(item.name != STATE for item in folder.iterdir()):
+        raise InputError(f"{folder}: is not empty and holds no run; name another folder")
+
+
+def _begin(folder: Path, record: Record, identity: Record, overwrite: bool) -> None:
+    """Resume the state that has this identity, or begin an empty one; the caller holds the lock."""
+    state = folder / STATE
+    known = state / IDENTITY
     if known.exists():
         differences = _differences(_plain(identity), read_record(known))
         if not differences:
@@ -157,14 +177,32 @@ def _check_folder(folder: Path, identity: Record, overwrite: bool) -> None:
         if not overwrite:
             raise InputError(
                 f"{folder}: holds an unfinished run that differs in {', '.join(differences)}; "
-                f"finish it with 'tilepipe run {folder / STATE / RECORD}', or start anew with --overwrite"
+                f"finish it with 'tilepipe run {state / RECORD}', or start anew with --overwrite"
             )
-        shutil.rmtree(folder / STATE)
-    elif (folder / RECORD).exists():
-        if not overwrite:
-            raise InputError(f"{folder}: holds a finished run; use --overwrite to replace it, or another --out")
-    elif folder.exists() and any(item.name != STATE for item in folder.iterdir()):
-        raise InputError(f"{folder}: is not empty and holds no run; name another folder")
+        known.unlink()
+    for item in state.iterdir():
+        if item.is_dir():
+            shutil.rmtree(item)
+        elif item.name != LOCK:
+            item.unlink()
+    write_record(state / RECORD, record)
+    write_record(known, identity)
+
+
+@contextmanager
+def _small_cache() -> Iterator[None]:
+    """Bound GDAL's cache in this process and in those started within, unless the user has chosen its size."""
+    import rasterio
+
+    if "GDAL_CACHEMAX" in os.environ:
+        yield
+        return
+    os.environ["GDAL_CACHEMAX"] = str(_GDAL_CACHE)
+    try:
+        with rasterio.Env(GDAL_CACHEMAX=_GDAL_CACHE << 20):
+            yield
+    finally:
+        del os.environ["GDAL_CACHEMAX"]
 
 
 def _plain(identity: Record) -> Record:

@@ -94,8 +94,7 @@ class FileSource:
                 block[dataset.read_masks(self.band, window=part) == 0] = np.nan
         except RasterioError as error:
             raise InputError(f"{self.name}: cannot be read ({error}); the file is damaged, copy it anew") from error
-        scale, offset = dataset.scales[self.band - 1], dataset.offsets[self.band - 1]
-        return block if (scale, offset) == (1.0, 0.0) else (block * scale + offset).astype(np.float32)
+        return _unpacked(block, dataset.scales[self.band - 1], dataset.offsets[self.band - 1])
 
 
 def as_block(values: NDArray[Any], nodata: float | None) -> NDArray[np.float32]:
@@ -107,6 +106,11 @@ def as_block(values: NDArray[Any], nodata: float | None) -> NDArray[np.float32]:
     if values.dtype.kind == "f":
         block[np.isinf(block)] = np.nan
     return block
+
+
+def _unpacked(block: NDArray[np.float32], scale: float, offset: float) -> NDArray[np.float32]:
+    """Values that a file stores as scale · stored + offset."""
+    return block if (scale, offset) == (1, 0) else block * np.float32(scale) + np.float32(offset)
 
 
 def _has_mask(dataset: Any, band: int) -> bool:
@@ -177,7 +181,10 @@ def _choose_band(name: str, count: int, band: int | None) -> int:
 
 @dataclass(frozen=True)
 class ArraySource:
-    """An xarray array (in memory, over dask, or a Zarr store) with dims ``(y, x)`` and north first."""
+    """An xarray array (in memory, over dask, or a Zarr store) with dims ``(y, x)`` and north first.
+
+    Scale and offset are those that CF attributes name; where xarray has applied them it has moved them elsewhere.
+    """
 
     name: str
     geometry: Geometry
@@ -194,7 +201,8 @@ class ArraySource:
             return str(self.array.data.name)
         total = 0
         for top in range(0, self.array.shape[0], _ROWS):
-            total = zlib.crc32(np.ascontiguousarray(self.array[top : top + _ROWS].data).view(np.uint8), total)
+            rows = np.ascontiguousarray(self.array[top : top + _ROWS].data)
+            total = zlib.crc32(rows.view(np.uint8).data, total)
         return f"{total:08x}"
 
     def read(self, window: Window) -> NDArray[np.float32]:
@@ -202,7 +210,8 @@ class ArraySource:
         part = self.array[window.slices].data
         if hasattr(part, "compute"):
             part = part.compute(scheduler="synchronous")
-        return as_block(np.asarray(part), self.nodata)
+        scale, offset = (self.array.attrs.get(*name) for name in (("scale_factor", 1.0), ("add_offset", 0.0)))
+        return _unpacked(as_block(np.asarray(part), self.nodata), scale, offset)
 
 
 def array_source(array: xr.DataArray, name: str, *, crs: str | None, band: int | None) -> ArraySource:
@@ -231,7 +240,7 @@ def array_source(array: xr.DataArray, name: str, *, crs: str | None, band: int |
         raise InputError(f"{name}: holds {array.dtype} values; use a raster of real numbers")
     system = array.rio.crs.to_wkt() if array.rio.crs else None
     geometry = check_geometry(name, system, _transform(array, name), (array.sizes[y], array.sizes[x]), crs)
-    return ArraySource(name, geometry, array, _nodata(array))
+    return ArraySource(name, geometry, array, nodata_of(array))
 
 
 def _transform(array: Any, name: str) -> tuple[float, ...]:
@@ -249,8 +258,10 @@ def _transform(array: Any, name: str) -> tuple[float, ...]:
     return tuple(array.rio.transform(recalc=True))[:6]
 
 
-def _nodata(array: Any) -> float | None:
+def nodata_of(array: Any) -> float | None:
     """Value of an array that means nodata; NaN always does."""
+    import rioxarray  # noqa: F401
+
     try:
         nodata = array.rio.nodata
     except OverflowError:  # no value of this dtype can be that one
@@ -265,7 +276,7 @@ def _zarr_source(path: Path, *, crs: str | None, band: int | None) -> ArraySourc
         dataset = xr.open_zarr(path, mask_and_scale=False, decode_coords="all", consolidated=False)
     except Exception as error:
         raise InputError(f"{path}: is a folder but no Zarr raster; name raster files or a Zarr store") from error
-    names = [str(name) for name, item in dataset.data_vars.items() if item.ndim >= 2]
+    names = sorted(str(name) for name, item in dataset.data_vars.items() if item.ndim >= 2)
     if len(names) != 1:
         found = ", ".join(names) or "none"
         raise InputError(f"{path}: must hold one raster variable, it holds {found}; keep only one")

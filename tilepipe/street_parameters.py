@@ -36,7 +36,7 @@ class StreetParameters(BaseModel):
     time_step: float = Field(0.5, gt=0, description="time step of the diffusion (dt)")
     conductance: float = Field(1.0, ge=0, description="k of g = 1/(1 + k·(gradient/edge_gradient)²)")
     edge_gradient: float | None = Field(
-        None, gt=0, description="grey levels per pixel that make an edge; none = 0.75 of the raster's noise"
+        None, gt=0, description="grey levels per pixel that make an edge; none = 0.6 of the raster's noise"
     )
     gradient_sigma: float = Field(0.5, ge=0, description="Gaussian of the gradient (σ, m)")
     fidelity: float = Field(0.7, ge=0, le=1, description="pull towards the input at edges (λ)")

@@ -25,7 +25,7 @@ GREY_STEPS = 128
 NO_REGION = 65534
 """Stored grey of a pixel that belongs to no region (65535 when it is nodata as well)."""
 
-_EDGE_PER_NOISE, _LEAST_EDGE = 0.75, 4.0
+_EDGE_PER_NOISE, _LEAST_EDGE = 0.6, 4.0
 """An edge is steeper than this share of the noise (found on five scenes), and than so many grey levels per pixel."""
 
 

@@ -288,7 +288,7 @@ class _Job:
         return {
             "command": "streets",
             "version": __version__,
-            "sources": [f"{source.name} {source.stamp}" for source in sources],
+            "sources": [f"{_absolute(source.name)} {source.stamp}" for source in sources],
             "raster": asdict(self.raster.geometry) | {"tile": list(self.grid.tile_shape), "band": self.band},
             "parameters": self.parameters.model_dump(),
             "seed": self.options.seed,

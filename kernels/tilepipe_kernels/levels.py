@@ -25,7 +25,7 @@ _ALL = np.uint32(0xFFFFFFFF)
 def _count(bits: NDArray[np.uint32], values: NDArray[np.float32], counts: NDArray[np.int64]) -> None:
     for i in range(bits.size):
         if values[i] == values[i]:
-            pattern = bits[i]
+            pattern = bits[i] if values[i] != 0 else np.uint32(0)  # minus zero is zero
             ordered = (pattern ^ _ALL) if pattern & _SIGN else (pattern ^ _SIGN)
             counts[ordered >> np.uint32(_SHIFT)] += 1
 
