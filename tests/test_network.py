@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from itertools import pairwise, product
-from pathlib import Path
 
 import networkx
 import numpy as np
@@ -16,10 +15,10 @@ from tests.test_tracing import drawing, pixel_graphs
 from tilepipe.errors import InputError
 from tilepipe.network import LineBatch, Network, NetworkRules, build_network, iterate_lines
 from tilepipe.network_array import prune_skeleton, trace_lines
-from tilepipe.network_points import load_fragments, save_fragments
 from tilepipe.network_rules import raster_border
 from tilepipe_kernels.fragment_table import summarise
-from tilepipe_kernels.tracing import mixed_links, trace
+from tilepipe_kernels.skeleton import skeleton_links
+from tilepipe_kernels.tracing import trace
 
 NETWORK_FIELDS = ("start", "end", "length", "node_pixel", "node_xy", "node_degree")
 BATCH_FIELDS = ("line", "start", "end", "offsets", "xy", "pixel")
@@ -87,7 +86,7 @@ def rules(draw: st.DrawFn) -> NetworkRules:
 @st.composite
 def street_links(draw: st.DrawFn) -> np.ndarray:
     shape = draw(st.integers(8, 30)), draw(st.integers(8, 30))
-    return mixed_links(walks(draw(st.integers(0, 2**32 - 1)), shape))
+    return skeleton_links(walks(draw(st.integers(0, 2**32 - 1)), shape))
 
 
 def cuts(size: int) -> st.SearchStrategy[list[int]]:
@@ -126,7 +125,7 @@ LOOPS = {
 @pytest.mark.parametrize("text", LOOPS.values(), ids=LOOPS)
 @pytest.mark.parametrize("minimum", [0.0, 1.5])
 def test_loops_have_one_start_and_direction_wherever_they_are_cut(text: str, minimum: float) -> None:
-    links, rules = mixed_links(drawing(text)), NetworkRules(minimum_branch=minimum)
+    links, rules = skeleton_links(drawing(text)), NetworkRules(minimum_branch=minimum)
     whole, (lines,) = tiled(links, [], [], rules)
     for row, column, seed in product(range(1, links.shape[0]), range(1, links.shape[1]), range(3)):
         cut, (others,) = tiled(links, [row], [column], rules, seed)
@@ -190,7 +189,7 @@ def points(lines: LineBatch) -> list[tuple[int, ...]]:
 
 
 def network_of(text: str, response: np.ndarray | None = None, **rules: float) -> tuple[Network, list[tuple[int, ...]]]:
-    network, lines = trace_lines(mixed_links(drawing(text)), NetworkRules(**rules), response)
+    network, lines = trace_lines(skeleton_links(drawing(text)), NetworkRules(**rules), response)
     return network, points(lines)
 
 
@@ -200,7 +199,7 @@ def test_hysteresis_keeps_what_a_strong_point_reaches() -> None:
     response[0, 0] = 3
     assert len(network_of(text, response, high=3.0)[0]) == 3
     assert len(network_of(text, response, high=3.5)[0]) == 0
-    alone, _ = trace_lines(mixed_links(drawing(text)), NetworkRules(high=3, through_junctions=False), response)
+    alone, _ = trace_lines(skeleton_links(drawing(text)), NetworkRules(high=3, through_junctions=False), response)
     assert alone.node_pixel.tolist() == [0, 4]
 
 
@@ -262,7 +261,7 @@ def test_the_longest_of_short_branches_stays() -> None:
 
 def test_lines_cut_off_by_the_border_do_not_dangle() -> None:
     text = "..#.... ..#.... ..#.... #######"
-    links = mixed_links(drawing(text))
+    links = skeleton_links(drawing(text))
     inside, _ = trace_lines(links, NetworkRules(minimum_branch=5.0))
     border, _ = trace_lines(links, NetworkRules(minimum_branch=5.0), on_border=raster_border(links.shape))
     assert (len(inside), len(border)) == (1, 3)
@@ -287,25 +286,8 @@ def test_a_raster_without_lines_gives_an_empty_network() -> None:
     assert (len(network), batches, network.node_xy.shape) == (0, [], (0, 2))
 
 
-def test_fragment_files_round_trip_and_refuse_what_is_not_theirs(tmp_path: Path) -> None:
-    fragments = trace(mixed_links(drawing("### .#. .#.")))
-    width = np.arange(len(fragments.pixels), dtype=np.float32)
-    save_fragments(tmp_path / "0.npz", fragments, {"width": width})
-    read, attributes = load_fragments(tmp_path / "0.npz")
-    for name in ("offsets", "pixels", "end_kind", "end_pixel"):
-        np.testing.assert_array_equal(getattr(read, name), getattr(fragments, name))
-    np.testing.assert_array_equal(attributes["width"], width)
-    assert [path.name for path in tmp_path.iterdir()] == ["0.npz"]
-    for broken in (b"not fragments", (tmp_path / "0.npz").read_bytes()[:-40], b""):
-        (tmp_path / "1.npz").write_bytes(broken)
-        with pytest.raises(InputError, match="no line fragments"):
-            load_fragments(tmp_path / "1.npz")
-    with pytest.raises(ValueError, match="attribute 'width'"):
-        save_fragments(tmp_path / "2.npz", fragments, {"width": width[1:]})
-
-
 def test_a_missing_tile_and_senseless_rules_are_refused() -> None:
-    links = mixed_links(drawing("#### ...."))
+    links = skeleton_links(drawing("#### ...."))
     half = trace(links, core=(0, 0, 2, 2))
     with pytest.raises(InputError, match="crosses a seam"):
         build_network([summarise(half, 4)], 4, lambda tile: (half, {}))

@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.naive.tracing import lines, links_of, neighbours
-from tilepipe_kernels.tracing import CROSSING, NODE, RING, mixed_links, trace
+from tilepipe_kernels.skeleton import skeleton_links
+from tilepipe_kernels.tracing import CROSSING, NODE, RING, trace
 
 
 def drawing(text: str) -> np.ndarray:
@@ -24,7 +25,7 @@ def pixel_graphs(draw: st.DrawFn) -> np.ndarray:
     random = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     mask = random.random(shape) < draw(st.sampled_from([0.2, 0.4, 0.6, 1.0]))
     if draw(st.booleans()):
-        return mixed_links(mask)
+        return skeleton_links(mask)
     graph = set()
     for row, column in np.argwhere(mask):
         for down, right in ((0, 1), (1, -1), (1, 0), (1, 1)):
@@ -83,7 +84,7 @@ def test_fragments_of_a_core_hold_each_link_once_and_say_where_they_end(links: n
 
 
 def test_a_passing_pixel_alone_in_its_core_has_two_crossings() -> None:
-    links = mixed_links(drawing("... ### ..."))
+    links = skeleton_links(drawing("... ### ..."))
     fragments = trace(links, core=(1, 1, 2, 2))
     assert fragments.pixels.tolist() == [4]
     assert fragments.end_kind.tolist() == [[CROSSING, CROSSING]]
@@ -91,12 +92,12 @@ def test_a_passing_pixel_alone_in_its_core_has_two_crossings() -> None:
 
 
 def test_a_node_at_the_edge_of_its_core_is_a_fragment_by_itself() -> None:
-    fragments = trace(mixed_links(drawing("### .#. ...")), core=(0, 0, 1, 3))
+    fragments = trace(skeleton_links(drawing("### .#. ...")), core=(0, 0, 1, 3))
     assert sorted(np.diff(fragments.offsets).tolist()) == [1, 2, 2]
 
 
 def test_staircases_are_chains_and_corners_no_triangles() -> None:
-    assert chains(mixed_links(drawing("##.. .##. ..##"))) == [(0, 1, 5, 6, 10, 11)]
+    assert chains(skeleton_links(drawing("##.. .##. ..##"))) == [(0, 1, 5, 6, 10, 11)]
 
 
 def test_links_must_be_symmetric_two_dimensional_bytes() -> None:

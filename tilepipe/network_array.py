@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tilepipe_kernels.fragment_table import summarise
-from tilepipe_kernels.tracing import Fragments, mixed_links, trace
+from tilepipe_kernels.skeleton import skeleton_links
+from tilepipe_kernels.tracing import Fragments, trace
 
 from .network import LineBatch, Network, NetworkRules, build_network, line_batch
 from .network_graph import graph_of, join
@@ -63,7 +64,7 @@ def prune_skeleton(skeleton: NDArray[Any], length: float) -> NDArray[np.bool_]:
     ndarray
         bool, shape (rows, columns).
     """
-    links = mixed_links(skeleton)
+    links = skeleton_links(np.asarray(skeleton) != 0)
     fragments = trace(links)
     width = links.shape[1]
     chains = join([summarise(fragments, width)], width)

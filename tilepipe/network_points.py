@@ -1,12 +1,8 @@
-"""Points of the network: per-tile files, and gathering points of lines from the tiles that hold them."""
+"""Points of the network, gathered from the tiles that hold them."""
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import fields
-from pathlib import Path
-from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,55 +15,6 @@ from .network_graph import Bool, Chains, Int64
 
 Attributes = Mapping[str, NDArray[np.float32]]
 LoadTile = Callable[[int], tuple[Fragments, Attributes]]
-
-PREFIX = "attribute."
-
-
-def save_fragments(path: str | os.PathLike[str], fragments: Fragments, attributes: Attributes) -> None:
-    """Write the fragments of a tile and float32 attributes of their points to one file, whole or not at all.
-
-    Parameters
-    ----------
-    path
-        File to write: an uncompressed NumPy ``.npz`` archive.
-    fragments
-        Fragments with p points.
-    attributes
-        Arrays of shape (p,) by name. ``dx`` and ``dy`` are the line's offset from the pixel centre in
-        pixels, columns to the right and rows down.
-
-    Raises
-    ------
-    ValueError
-        If an attribute does not hold one value per point.
-    """
-    arrays = {field.name: getattr(fragments, field.name) for field in fields(Fragments)}
-    for name, values in attributes.items():
-        if values.shape != fragments.pixels.shape:
-            raise ValueError(f"attribute {name!r} has shape {values.shape}, expected {fragments.pixels.shape}")
-        arrays[PREFIX + name] = np.ascontiguousarray(values, np.float32)
-    target = Path(path)
-    aside = target.with_name(target.name + ".part")
-    with open(aside, "wb") as file:
-        np.savez(file, **arrays)
-    os.replace(aside, target)
-
-
-def load_fragments(path: str | os.PathLike[str]) -> tuple[Fragments, dict[str, NDArray[np.float32]]]:
-    """Read what `save_fragments` wrote.
-
-    Raises
-    ------
-    InputError
-        If the file is not such an archive.
-    """
-    try:
-        with np.load(path) as archive:
-            fragments = Fragments(*(archive[field.name] for field in fields(Fragments)))
-            names = [name for name in archive.files if name.startswith(PREFIX)]
-            return fragments, {name.removeprefix(PREFIX): archive[name] for name in names}
-    except (ValueError, KeyError, EOFError, BadZipFile) as error:
-        raise InputError(f"{os.fspath(path)} holds no line fragments; run its tile again ({error})") from error
 
 
 def gather(

@@ -9,7 +9,6 @@ between two stops: a node, a link that leaves the core, or, for a closed ring, i
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -107,51 +106,6 @@ def trace(
     if not symmetric:
         raise ValueError("links is not symmetric: a pixel is linked to a neighbour that is not linked back")
     return Fragments(offsets, pixels, end_kind, end_pixel)
-
-
-def mixed_links(skeleton: NDArray[Any]) -> NDArray[np.uint8]:
-    """Link the pixels of a thin mask by mixed adjacency.
-
-    Pixels are linked along rows and columns, and along a diagonal only where neither of the two pixels
-    beside the diagonal is set (m-adjacency), so that a staircase is a chain and not a string of triangles.
-
-    Parameters
-    ----------
-    skeleton
-        Any real dtype, shape (rows, columns): nonzero = line.
-
-    Returns
-    -------
-    ndarray
-        uint8 pixel graph of the same shape, symmetric. A pixel's links depend on its eight neighbours (halo
-        1).
-    """
-    mask = np.ascontiguousarray(np.asarray(skeleton) != 0)
-    if mask.ndim != 2:
-        raise ValueError(f"skeleton must be a 2-D array, got {mask.ndim}-D")
-    return _mixed_links(mask.view(np.uint8))
-
-
-@loop
-def _mixed_links(mask: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    rows, columns = mask.shape
-    links = np.zeros((rows, columns), np.uint8)
-    for row in range(rows):
-        for column in range(columns):
-            if not mask[row, column]:
-                continue
-            value = 0
-            for k in range(1, 8, 2):
-                r, c = row + ROW_STEP[k], column + COLUMN_STEP[k]
-                if 0 <= r < rows and 0 <= c < columns and mask[r, c]:
-                    value |= 1 << k
-            for k in range(0, 8, 2):
-                r, c = row + ROW_STEP[k], column + COLUMN_STEP[k]
-                beside = (1 << (k + 1)) | (1 << ((k + 7) & 7))
-                if 0 <= r < rows and 0 <= c < columns and mask[r, c] and not value & beside:
-                    value |= 1 << k
-            links[row, column] = value
-    return links
 
 
 @loop
