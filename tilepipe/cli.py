@@ -56,7 +56,7 @@ def _common(
 @app.command()
 def streets(
     rasters: Rasters,
-    out: Out,
+    out: Annotated[Path | None, typer.Option(help="Folder of the run; not needed with --plan.")] = None,
     height: Annotated[
         list[Path] | None,
         typer.Option(help="Height raster (DSM) on the same grid, to leave out trees and roofs."),
@@ -78,7 +78,7 @@ def streets(
     """Street centerlines from lidar intensity (dark streets), by ridge lines and by skeleton."""
     record = {
         "command": "streets",
-        "out": str(out),
+        "out": str(out) if out else "",
         "inputs": {"rasters": [str(p) for p in rasters], "heights": [str(p) for p in height or []]}
         | ({"crs": crs} if crs else {})
         | ({"band": band} if band else {}),

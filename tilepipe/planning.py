@@ -11,8 +11,8 @@ from tilepipe.options import RunOptions, format_memory
 from tilepipe.passes import Pass
 from tilepipe.raster import Raster
 
-_BASE = 350 << 20
-"""Memory of the interpreter, the libraries and the compiled kernels."""
+_BASE = 500 << 20
+"""Memory of the interpreter, the libraries and the kernels, compiled on first use."""
 
 _EXPORT = 160 << 20
 """Memory of the libraries that write layers and of GDAL's cache."""

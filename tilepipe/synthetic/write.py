@@ -21,7 +21,7 @@ from tilepipe.synthetic.truth import truth_buildings, truth_centerlines
 #: Side of the internal blocks of the files in pixels.
 BLOCK = 512
 #: GDAL's cache in MiB; tiles are written whole, so it need only hold the blocks under way.
-CACHE = 64
+CACHE = 64 << 20
 TRUTH = {"centerlines": truth_centerlines, "footprints": truth_buildings}
 PROFILES: dict[str, dict[str, Any]] = {
     "height": {"dtype": "float32", "nodata": float("nan"), "predictor": 3},
