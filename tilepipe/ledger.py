@@ -89,6 +89,10 @@ class Ledger:
         """
         return unpack(self.path(tile_name).read_bytes())
 
+    def all_facts(self) -> list[Facts]:
+        """Facts of all finished tiles in row-major order."""
+        return [self.facts(name) for name in sorted(self.done())]
+
     def forget(self, tile_name: str) -> None:
         """Mark a tile as not done."""
         self.path(tile_name).unlink(missing_ok=True)

@@ -11,14 +11,15 @@ import os
 import shutil
 import time
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
 
 from tilepipe.errors import InputError
 from tilepipe.executors import Executor, open_executor
-from tilepipe.ledger import Facts, write_whole
+from tilepipe.ledger import Ledger, write_whole
 from tilepipe.options import RunOptions
 from tilepipe.passes import Pass, Progress, run_pass
 
@@ -75,11 +76,16 @@ class Run:
         self.progress = progress
         self.timings: dict[str, float] = {}
 
-    def run_pass(self, job: Pass) -> list[Facts]:
-        """Run a pass on all tiles; returns the facts of all tiles in row-major order."""
+    def run_pass(self, job: Pass) -> Ledger:
+        """Run a pass on all tiles; returns its ledger."""
         with self.timed(job.name):
-            ledger = run_pass(job, self.state, self.executor, self.progress)
-            return [ledger.facts(tile.name) for tile in job.grid.tiles()]
+            return run_pass(job, self.state, self.executor, self.progress)
+
+    @contextmanager
+    def beside(self, function: Callable[..., Path], *arguments: Any) -> Iterator[Future[Path]]:
+        """Run a function in a thread of its own beside the block; the block ends when it has ended."""
+        with ThreadPoolExecutor(1, thread_name_prefix="beside") as pool:
+            yield pool.submit(function, *arguments)
 
     @contextmanager
     def timed(self, name: str) -> Iterator[None]:
@@ -90,24 +96,23 @@ class Run:
         finally:
             self.timings[name] = self.timings.get(name, 0.0) + time.perf_counter() - start
 
-    def publish(self, layers: Mapping[str, Path], record: Record, keep: tuple[str, ...]) -> None:
+    def publish(self, layers: Sequence[Path], record: Record, keep: tuple[str, ...]) -> None:
         """Rename finished layers into the run folder, drop the other layers of an earlier run, mark it as finished.
 
         Parameters
         ----------
         layers
-            Final name → file in the state folder.
+            Finished files in the state folder; they keep their names.
         record
             What was run.
         keep
             All names that a run of this kind may publish; those not in ``layers`` are removed.
         """
         (self.folder / RECORD).unlink(missing_ok=True)
-        for name in keep:
-            if name not in layers:
-                (self.folder / name).unlink(missing_ok=True)
-        for name, path in layers.items():
-            os.replace(path, self.folder / name)
+        for name in set(keep) - {layer.name for layer in layers}:
+            (self.folder / name).unlink(missing_ok=True)
+        for layer in layers:
+            os.replace(layer, self.folder / layer.name)
         timings = {name: round(seconds, 3) for name, seconds in self.timings.items()}
         write_whole(self.folder / TIMINGS, json.dumps(timings, indent=1).encode())
         write_record(self.folder / RECORD, record)

@@ -15,8 +15,7 @@ from tilepipe.ledger import Facts
 from tilepipe.raster import Raster
 from tilepipe.street_parameters import StreetParameters
 from tilepipe_kernels import levels
-
-LARGEST_GREY = 255.0
+from tilepipe_kernels.grey_levels import LARGEST_GREY, stretch
 
 _NOISE_ROWS = 4
 """The noise is measured on every so-maniest global row."""
@@ -43,9 +42,7 @@ class GreyScale:
 
     def apply(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
         """Stretch values to grey levels, clipped to 0–255; NaN stays."""
-        scale = np.float32(LARGEST_GREY / (self.brightest - self.darkest))
-        grey = (values - np.float32(self.darkest)) * scale
-        return np.clip(grey, np.float32(0), np.float32(LARGEST_GREY), out=grey)
+        return stretch(values, self.darkest, self.brightest)
 
 
 def count_values(raster: Raster, tile: Tile) -> Facts:
@@ -89,7 +86,7 @@ def grey_scale(facts: list[Facts], parameters: StreetParameters, name: str) -> G
     if not brightest > darkest:
         darkest, brightest = (float(value) for value in levels.bin_values(filled[[0, -1]]))
     plain = GreyScale(darkest, brightest, 0.0, 0.0, 0.0, 0.0)
-    grey = np.rint(plain.apply(levels.bin_values(filled))).astype(np.int64)
+    grey = np.rint(plain.apply(levels.bin_values(filled)[None])[0]).astype(np.int64)
     split, dark, bright = levels.otsu_classes(_counted(grey, counts[filled]))
     threshold = split + 0.5 if parameters.darkness is None else parameters.darkness
     return GreyScale(darkest, brightest, threshold, dark, bright, _noise(facts, darkest, brightest))

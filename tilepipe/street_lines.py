@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from tilepipe.grid import Tile, TileGrid, Window
 from tilepipe.ledger import Facts
-from tilepipe.passes import StateArray, write_state
+from tilepipe.passes import StateArray
 from tilepipe.street_levels import GreyScale
 from tilepipe.street_parameters import StreetParameters
-from tilepipe.street_segments import GREY_STEPS
 from tilepipe_kernels import morphology, ridges, skeleton, tracing
+from tilepipe_kernels.grey_levels import street_image
 from tilepipe_kernels.region_table import select_labels
 
 NODATA = 4294967295
@@ -39,7 +39,6 @@ class LineContext:
     grid: TileGrid
     labels: StateArray
     grey: StateArray
-    streets: StateArray
     lookup: Path
     offsets: tuple[int, ...]
     resolution: float
@@ -91,30 +90,26 @@ def read_regions(context: LineContext, window: Window) -> NDArray[np.uint32]:
     return ids[window.top - top * rows :, window.left - left * columns :][: window.rows, : window.columns]
 
 
-def read_streets(
-    context: LineContext, tile: Tile
-) -> tuple[NDArray[np.uint32], NDArray[np.uint16], NDArray[np.bool_], NDArray[np.float32]]:
-    """Region ids, stored grey, cleaned mask and grey image of the streets of a padded tile."""
-    ids = read_regions(context, tile.padded)
-    packed = context.grey.read(tile.padded)
+def published_regions(context: LineContext, window: Window) -> NDArray[np.uint32]:
+    """Values of ``streets.tif`` in a window: region ids, 0 = none, `NODATA` where the input is nodata."""
+    missing = (context.grey.read(window) & 1).astype(np.bool_)
+    return np.where(missing, np.uint32(NODATA), read_regions(context, window))
+
+
+def read_streets(context: LineContext, tile: Tile) -> tuple[NDArray[np.uint32], NDArray[np.bool_], NDArray[np.float32]]:
+    """Region ids, cleaned mask and grey image of the streets of a padded tile."""
+    ids, scale = read_regions(context, tile.padded), context.scale
     if not ids.any():
-        return (
-            ids,
-            packed,
-            np.zeros(ids.shape, np.bool_),
-            np.full(ids.shape, context.scale.bright, np.float32),
-        )
-    mask = _clean(context, ids > 0)
-    return ids, packed, mask, street_image(context, mask, ids, packed)
+        return ids, np.zeros(ids.shape, np.bool_), np.full(ids.shape, scale.bright, np.float32)
+    mask, packed = _clean(context, ids > 0), context.grey.read(tile.padded)
+    image = street_image(mask, ids, packed, dark=scale.dark, bright=scale.bright, threshold=scale.threshold)
+    return ids, mask, image
 
 
 def find_lines(context: LineContext, tile: Tile) -> Facts:
-    """Tile function: publish the region ids of the core, trace the fragments of both ways to centerlines."""
-    ids, packed, mask, image = read_streets(context, tile)
-    inner = tile.core_in_padded.slices
-    published = np.where(packed[inner] & 1, np.uint32(NODATA), ids[inner])
-    facts = write_state({"streets": context.streets}, tile, {"streets": published})
-    return facts | _ridge_lines(context, tile, mask, image, ids) | _medial_axis(context, tile, mask, image, ids)
+    """Tile function: trace the fragments of both ways to centerlines."""
+    ids, mask, image = read_streets(context, tile)
+    return _ridge_lines(context, tile, mask, image, ids) | _medial_axis(context, tile, mask, image, ids)
 
 
 def _clean(context: LineContext, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -129,22 +124,6 @@ def _clean(context: LineContext, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
 def speck_pixels(parameters: StreetParameters, resolution: float) -> int:
     """Side of the square that a filled hole fits in, in pixels; 0 = none is filled."""
     return math.floor(parameters.speck_size / resolution)
-
-
-def street_image(
-    context: LineContext, mask: NDArray[np.bool_], ids: NDArray[np.uint32], packed: NDArray[np.uint16]
-) -> NDArray[np.float32]:
-    """Grey image of the streets alone: their own grey inside, the mean of the bright class outside.
-
-    Inside, what is darker than the mean of the dark class counts as that mean, so that shaded borders do not attract
-    the line.  Both flanks being equally bright, the ridge is where the street's axis is: no asymmetry, no bias.
-    """
-    dark, bright = np.float32(context.scale.dark), np.float32(context.scale.bright)
-    grey = (packed >> 1).astype(np.float32) * np.float32(1 / GREY_STEPS)
-    # bridged gaps have no grey of their own; that of a dropped region must not count, some tilings do not keep it
-    grey[ids == 0] = dark
-    limit = max(dark, min(np.float32(context.scale.threshold), bright))
-    return np.where(mask, np.clip(grey, dark, limit), bright)
 
 
 def _ridge_lines(

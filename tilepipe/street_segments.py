@@ -16,14 +16,8 @@ from tilepipe.regions import SUMMED
 from tilepipe.seams import edge_facts, raster_borders, touches_seam
 from tilepipe.street_levels import GreyScale
 from tilepipe.street_parameters import StreetParameters
-from tilepipe_kernels import diffusion, growing, morphology, region_table
+from tilepipe_kernels import diffusion, grey_levels, growing, morphology, region_table
 from tilepipe_kernels.fill import fill_voids
-
-GREY_STEPS = 128
-"""Steps of a stored grey level; the lowest bit of a stored value is the nodata flag."""
-
-NO_REGION = 65534
-"""Stored grey of a pixel that belongs to no region (65535 when it is nodata as well)."""
 
 _EDGE_PER_NOISE, _LEAST_EDGE = 0.6, 4.0
 """An edge is steeper than this share of the noise (found on five scenes), and than so many grey levels per pixel."""
@@ -89,7 +83,7 @@ def segment(context: SegmentContext, tile: Tile) -> Facts:
     labels = growing.grow_regions(centres, context.parameters.tolerance, maximum=context.scale.threshold)
     kept, table = _kept_regions(context, tile, labels, centres)
     labels = region_table.select_labels(labels, kept)
-    packed = _pack_grey(smooth, _expand(labels > 0, context.rectangle, smooth.shape), missing)
+    packed = grey_levels.store(smooth, _expand(labels > 0, context.rectangle, smooth.shape), missing)
     facts = write_state({"labels": context.labels, "grey": context.grey}, tile, {"labels": labels, "grey": packed})
     return facts | table | edge_facts("label", labels) | edge_facts("grey", centres)
 
@@ -171,13 +165,3 @@ def _expand(mask: NDArray[np.bool_], rectangle: tuple[int, int], shape: tuple[in
     if rectangle == (1, 1):
         return mask
     return np.repeat(np.repeat(mask, rectangle[0], axis=0), rectangle[1], axis=1)[: shape[0], : shape[1]]
-
-
-def _pack_grey(
-    grey: NDArray[np.float32], in_region: NDArray[np.bool_], missing: NDArray[np.bool_]
-) -> NDArray[np.uint16]:
-    """Grey of regions in steps of 1/128 with the nodata flag in the lowest bit; `NO_REGION` elsewhere."""
-    steps = np.rint(np.where(in_region, grey, np.float32(0)) * np.float32(GREY_STEPS)).astype(np.uint16)
-    packed = np.where(in_region, steps << 1, np.uint16(NO_REGION))
-    packed |= missing.astype(np.uint16)
-    return packed

@@ -30,7 +30,7 @@ class Thresholds:
 
 def count_responses(context: LineContext, tile: Tile) -> Facts:
     """Tile function: histogram of the line responses of the core."""
-    _, _, mask, image = read_streets(context, tile)
+    _, mask, image = read_streets(context, tile)
     wanted = np.zeros(mask.shape, np.bool_)
     inner = tile.core_in_padded.slices
     wanted[inner] = mask[inner]

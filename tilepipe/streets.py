@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,6 +28,7 @@ from tilepipe.street_levels import GreyScale, count_values, grey_scale
 from tilepipe.street_network import LineScale, write_centerlines
 from tilepipe.street_parameters import StreetParameters, street_parameters
 from tilepipe.street_thresholds import Thresholds, count_responses, line_thresholds
+from tilepipe_kernels.grey_levels import NO_REGION
 
 if TYPE_CHECKING:
     pass
@@ -84,14 +85,18 @@ def streets(
     job = _prepare(rasters, height, params, crs, band, options)
     with open_run(Path(out).absolute(), job.record(out), job.identity(), job.options, progress or Silent()) as run:
         job.check_memory()
-        scale = grey_scale(run.run_pass(job.levels_pass(run.state)), job.parameters, job.raster.names[0])
+        levels = run.run_pass(job.levels_pass())
+        scale = grey_scale(levels.all_facts(), job.parameters, job.raster.names[0])
         segmented = run.run_pass(job.segment_pass(run.state, scale))
-        regions = job.reconcile(run, segmented)
+        regions = job.reconcile(run, segmented.all_facts())
         thresholds = job.thresholds(run, scale, regions)
-        run.run_pass(job.lines_pass(run.state, scale, regions, thresholds.low))
-        layers = job.write_layers(run, thresholds)
+        centering = job.lines_pass(run.state, scale, regions, thresholds.low)
+        with run.beside(job.write_raster, run, centering.context) as raster:
+            fragments = run.run_pass(centering)
+            lines = job.write_lines(run, fragments, thresholds)
+            layers = [raster.result(), *lines]
         run.publish(layers, job.record(out), keep=_all_names())
-        return [run.folder / name for name in layers]
+        return [run.folder / layer.name for layer in layers]
 
 
 def plan_streets(
@@ -167,11 +172,10 @@ class _Job:
         coarse = self.grid.coarsened(self.rectangle)
         return {
             "labels": StateArray(state / "labels.zarr", coarse, "uint32"),
-            "grey": StateArray(state / "grey.zarr", self.grid, "uint16", street_segments.NO_REGION),
-            "streets": StateArray(state / "streets.zarr", self.grid, "uint32"),
+            "grey": StateArray(state / "grey.zarr", self.grid, "uint16", NO_REGION),
         }
 
-    def levels_pass(self, state: Path) -> Pass:
+    def levels_pass(self) -> Pass:
         return Pass("levels", count_values, self.raster, self.grid, halo=1, bytes_per_pixel=16)
 
     def segment_pass(self, state: Path, scale: GreyScale) -> Pass:
@@ -213,37 +217,33 @@ class _Job:
         if self.parameters.thresholds == "histogram":
             context = self._line_context(run.state, scale, regions, low=1e-6)
             halo = street_lines.halo(self.parameters, self.resolution)
-            responses = run.run_pass(Pass("responses", count_responses, context, self.grid, halo, bytes_per_pixel=40))
+            job = Pass("responses", count_responses, context, self.grid, halo, bytes_per_pixel=40)
+            responses = run.run_pass(job).all_facts()
         return line_thresholds(self.parameters, scale, self.resolution, responses)
 
     def lines_pass(self, state: Path, scale: GreyScale, regions: Regions, low: float) -> Pass:
         context = self._line_context(state, scale, regions, low)
         halo = street_lines.halo(self.parameters, self.resolution)
-        writes = {"streets": context.streets}
-        return Pass("lines", street_lines.find_lines, context, self.grid, halo, writes, bytes_per_pixel=60)
+        return Pass("lines", street_lines.find_lines, context, self.grid, halo, bytes_per_pixel=60)
 
-    def write_layers(self, run: Run, thresholds: Thresholds) -> dict[str, Path]:
-        """Write all layers into the state folder; final name → file."""
-        with ThreadPoolExecutor(min(3, self.options.workers)) as pool:
-            raster = pool.submit(self._write_raster, run)
-            lines = [pool.submit(self._write_lines, run, thresholds, name) for name in LINE_LAYERS]
-            paths = [job.result() for job in (raster, *lines)]
-        return {path.name: path for path in paths}
-
-    def _write_raster(self, run: Run) -> Path:
+    def write_raster(self, run: Run, context: street_lines.LineContext) -> Path:
+        """Write ``streets.tif`` into the state folder; needs the regions only, so it runs beside the pass."""
         with run.timed("export raster"):
             path = run.state / "streets.tif"
-            array = self.state_arrays(run.state)["streets"]
-            write_cog(path, array, self.raster.geometry, nodata=street_lines.NODATA)
+            read = partial(street_lines.published_regions, context)
+            write_cog(path, read, "uint32", self.raster.geometry, nodata=street_lines.NODATA, threads=1)
             return path
 
-    def _write_lines(self, run: Run, thresholds: Thresholds, name: str) -> Path:
-        with run.timed(f"reconcile {name}"):
-            prefix, path = LINE_LAYERS[name], run.state / f"{name}.parquet"
-            rules, margin = self._rules(prefix, thresholds)
-            ledger = Ledger(run.state / "lines")
-            write_centerlines(path, ledger, self.grid, prefix, rules, self._line_scale(thresholds), margin)
-            return path if self.options.format == "parquet" else convert(path, self.options.format)
+    def write_lines(self, run: Run, fragments: Ledger, thresholds: Thresholds) -> list[Path]:
+        """Write the tables of both ways to centerlines into the state folder."""
+        paths = []
+        for name, prefix in LINE_LAYERS.items():
+            with run.timed(f"reconcile {name}"):
+                path = run.state / f"{name}.parquet"
+                rules, margin = self._rules(prefix, thresholds)
+                write_centerlines(path, fragments, self.grid, prefix, rules, self._line_scale(thresholds), margin)
+                paths.append(path if self.options.format == "parquet" else convert(path, self.options.format))
+        return paths
 
     def _line_scale(self, thresholds: Thresholds) -> LineScale:
         return LineScale(self.raster.geometry, thresholds.sigma, thresholds.noise, self.parameters.simplification)
@@ -274,7 +274,7 @@ class _Job:
         nothing, none = np.empty(0), np.empty(0, np.int64)
         regions = Regions(none, nothing, nothing, nothing, none, Numbering(np.zeros(1, np.int64)))
         passes = [
-            self.levels_pass(nowhere),
+            self.levels_pass(),
             self.segment_pass(nowhere, scale),
             self.lines_pass(nowhere, scale, regions, 1.0),
         ]
