@@ -7,7 +7,8 @@ on disk; a tile that does not verify is computed again.
 
 from __future__ import annotations
 
-import io
+import json
+import math
 import os
 import zlib
 from collections.abc import Iterator, Mapping
@@ -42,25 +43,32 @@ def write_whole(path: Path, data: bytes) -> None:
 
 
 def pack(arrays: Mapping[str, NDArray[Any]]) -> bytes:
-    """Named arrays as bytes: a CRC-32, then an uncompressed ``.npz``."""
-    buffer = io.BytesIO()
-    np.savez(buffer, allow_pickle=False, **dict(arrays))
-    body = buffer.getvalue()
+    """Named arrays as bytes: CRC-32 of the rest, length of the header, header (JSON), the arrays end to end."""
+    flat = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
+    header = json.dumps([[name, array.dtype.str, array.shape] for name, array in flat.items()]).encode()
+    body = b"".join([len(header).to_bytes(4, "little"), header, *(array.tobytes() for array in flat.values())])
     return zlib.crc32(body).to_bytes(4, "little") + body
 
 
-def unpack(data: bytes) -> Facts:
-    """Named arrays back from `pack`.
+def unpack(data: bytes, prefix: str = "") -> Facts:
+    """Named arrays back from `pack`, those whose names begin with ``prefix``.
 
     Raises
     ------
     ValueError
         When the bytes are damaged or cut short.
     """
-    if len(data) < 4 or zlib.crc32(data[4:]) != int.from_bytes(data[:4], "little"):
+    if len(data) < 8 or zlib.crc32(memoryview(data)[4:]) != int.from_bytes(data[:4], "little"):
         raise ValueError("damaged or incomplete file")
-    with np.load(io.BytesIO(data[4:]), allow_pickle=False) as archive:
-        return {name: archive[name] for name in archive.files}
+    start = 8 + int.from_bytes(data[4:8], "little")
+    facts: Facts = {}
+    for name, dtype, shape in json.loads(data[8:start]):
+        size = math.prod(shape) * np.dtype(dtype).itemsize
+        if name.startswith(prefix):
+            # a copy, so that the array is aligned and can be written to
+            facts[name] = np.frombuffer(data[start : start + size], dtype).reshape(shape).copy()
+        start += size
+    return facts
 
 
 @dataclass(frozen=True)
@@ -77,8 +85,8 @@ class Ledger:
         """Mark a tile as done, with its facts."""
         write_whole(self.path(tile_name), pack(facts))
 
-    def facts(self, tile_name: str) -> Facts:
-        """Facts of a finished tile.
+    def facts(self, tile_name: str, prefix: str = "") -> Facts:
+        """Facts of a finished tile whose names begin with ``prefix``.
 
         Raises
         ------
@@ -87,7 +95,7 @@ class Ledger:
         FileNotFoundError
             When the tile is not done.
         """
-        return unpack(self.path(tile_name).read_bytes())
+        return unpack(self.path(tile_name).read_bytes(), prefix)
 
     def all_facts(self) -> list[Facts]:
         """Facts of all finished tiles in row-major order."""

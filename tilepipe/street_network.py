@@ -52,8 +52,7 @@ class FragmentReader:
         if tile in self.cache:
             self.cache.move_to_end(tile)
             return self.cache[tile]
-        facts = self.ledger.facts(self.grid.tile(tile).name)
-        named = {name: value for name, value in facts.items() if name.startswith(self.prefix + ":")}
+        named = self.ledger.facts(self.grid.tile(tile).name, f"{self.prefix}:")
         start = f"{self.prefix}:at:"
         attributes = {name.removeprefix(start): v for name, v in named.items() if name.startswith(start)}
         fields = {name: named[f"{self.prefix}:{name}"] for name in Fragments.__dataclass_fields__}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -235,15 +236,20 @@ class _Job:
             return path
 
     def write_lines(self, run: Run, fragments: Ledger, thresholds: Thresholds) -> list[Path]:
-        """Write the tables of both ways to centerlines into the state folder."""
-        paths = []
-        for name, prefix in LINE_LAYERS.items():
-            with run.timed(f"reconcile {name}"):
-                path = run.state / f"{name}.parquet"
-                rules, margin = self._rules(prefix, thresholds)
-                write_centerlines(path, fragments, self.grid, prefix, rules, self._line_scale(thresholds), margin)
-                paths.append(path if self.options.format == "parquet" else convert(path, self.options.format))
-        return paths
+        """Write the tables of both ways to centerlines into the state folder, side by side."""
+        with ThreadPoolExecutor(min(len(LINE_LAYERS), self.options.workers)) as pool:
+            paths = list(pool.map(partial(self._write_table, run, fragments, thresholds), LINE_LAYERS))
+        # GDAL's options are global, so only one table at a time may be converted
+        with run.timed("convert"):
+            form = self.options.format
+            return paths if form == "parquet" else [convert(path, form) for path in paths]
+
+    def _write_table(self, run: Run, fragments: Ledger, thresholds: Thresholds, name: str) -> Path:
+        with run.timed(f"reconcile {name}"):
+            prefix, path = LINE_LAYERS[name], run.state / f"{name}.parquet"
+            rules, margin = self._rules(prefix, thresholds)
+            write_centerlines(path, fragments, self.grid, prefix, rules, self._line_scale(thresholds), margin)
+            return path
 
     def _line_scale(self, thresholds: Thresholds) -> LineScale:
         return LineScale(self.raster.geometry, thresholds.sigma, thresholds.noise, self.parameters.simplification)
