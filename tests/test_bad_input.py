@@ -31,6 +31,7 @@ def refused(monkeypatch, capsys, out: Path, *arguments: object) -> str:
     assert code == 2, error
     assert len(error.strip().splitlines()) == 1, error
     assert error.startswith("tilepipe: error: ")
+    assert not (out / ".state").exists()
     assert not out.is_dir() or not any(p.suffix in (".tif", ".parquet", ".toml") for p in out.iterdir())
     return error
 
@@ -131,6 +132,11 @@ def test_several_bands(monkeypatch, capsys, tmp_path):
         ("tolerance=much", "tolerance='much'"),
         ("high=0.1", "low (0.2) must not exceed high"),
         ("tolerance", "write --set name=value"),
+        ("low=0", "low=0"),
+        ("void_reach=inf", "void_reach=inf"),
+        ("darkness=nan", "darkness=nan"),
+        ("closing_radius=inf", "closing_radius=inf"),
+        ("maximum_width=40000", "maximum_width=40000"),
     ],
 )
 def test_parameters(monkeypatch, capsys, tmp_path, good, setting, words):
@@ -156,6 +162,22 @@ def test_options(monkeypatch, capsys, tmp_path, good, option, words):
         assert code == 0
     else:
         assert words in refused(monkeypatch, capsys, tmp_path / "run", good, *option)
+
+
+def test_a_refusal_leaves_a_finished_run_as_it_was(monkeypatch, capsys, tmp_path, good):
+    out = tmp_path / "run"
+    assert run(monkeypatch, capsys, "streets", good, "--out", out, "--quiet")[0] == 0
+    before = {path.name: path.read_bytes() for path in out.iterdir()}
+    void = write_raster(tmp_path / "void.tif", np.full(SHAPE, -1, np.float32), nodata=-1)
+    for arguments in ((good, "--memory", "1MiB"), (void,)):
+        code, _ = run(monkeypatch, capsys, "streets", *arguments, "--out", out, "--overwrite", "--quiet")
+        assert code == 2
+        assert {path.name: path.read_bytes() for path in out.iterdir()} == before
+
+
+def test_heights_elsewhere(monkeypatch, capsys, tmp_path, good):
+    far = write_raster(tmp_path / "far.tif", VALUES, origin=(600000.0, 5000000.0))
+    assert "does not overlap" in refused(monkeypatch, capsys, tmp_path / "run", good, "--height", far)
 
 
 def test_unwritable_folder(monkeypatch, capsys, tmp_path, good):

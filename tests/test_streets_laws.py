@@ -62,6 +62,31 @@ def test_rectangles_are_cut_by_no_seam(tmp_path):
         assert layer_bytes(run_streets(raster, tmp_path / f"t{tile}", tile, **rectangle)) == reference
 
 
+def test_rectangles_with_voids_heights_and_data_driven_thresholds(tmp_path):
+    values = draw(SHAPE, scene_masks()["cross"])
+    values[np.random.default_rng(3).random(SHAPE) < 0.15] = np.nan
+    raster = write_raster(tmp_path / "intensity.tif", values, nodata=float("nan"))
+    heights = np.where(np.arange(SHAPE[1]) < 60, 10.0, 10.4).astype(np.float32) * np.ones(SHAPE, np.float32)
+    heights[20:40, 45:60] += 5
+    dsm = write_raster(tmp_path / "heights.tif", heights)
+    settings = SMALL | {
+        "rectangle_columns": 3,
+        "void_reach": 0,
+        "diffusion_steps": 2,
+        "tolerance": 30,
+        "minimum_size": 10,
+        "minimum_contour": 10,
+        "opening_radius": 0,
+        "ground_window": 24,
+        "thresholds": "histogram",
+    }
+    layers = []
+    for tile in (300, 60, 33, 12):
+        streets(raster, out=tmp_path / f"t{tile}", height=dsm, params=settings, options=RunOptions(tile=tile))
+        layers.append(layer_bytes(tmp_path / f"t{tile}"))
+    assert all(other == layers[0] for other in layers[1:])
+
+
 @settings(max_examples=8, deadline=None, suppress_health_check=list(HealthCheck))
 @given(seed=st.integers(0, 2**20), tile=st.integers(9, 70), smoothness=st.sampled_from([1.0, 2.5]))
 def test_tiling_is_invisible_on_random_textures(tmp_path_factory, seed, tile, smoothness):

@@ -57,7 +57,10 @@ class PoolExecutor:
         try:
             while True:
                 while len(running) < self.workers + 1 and (item := next(waiting, None)) is not None:
-                    running[self.pool.submit(function, item)] = item
+                    try:
+                        running[self.pool.submit(function, item)] = item
+                    except concurrent.futures.BrokenExecutor as broken:
+                        yield item, None, broken
                 if not running:
                     return
                 done, _ = concurrent.futures.wait(running, return_when=concurrent.futures.FIRST_COMPLETED)

@@ -99,7 +99,12 @@ class Ledger:
 
     def all_facts(self) -> list[Facts]:
         """Facts of all finished tiles in row-major order."""
-        return [self.facts(name) for name in sorted(self.done())]
+        return list(self.each())
+
+    def each(self) -> Iterator[Facts]:
+        """Facts of all finished tiles in row-major order, one after the other."""
+        names = sorted(self.done(), key=lambda name: [int(part) for part in name[1:].split("c")])
+        return (self.facts(name) for name in names)
 
     def forget(self, tile_name: str) -> None:
         """Mark a tile as not done."""

@@ -50,6 +50,7 @@ class Plan:
     tile_shape: tuple[int, int]
     tiles: int
     workers: int
+    processes: bool
     passes: tuple[PassPlan, ...]
     global_memory: int
     export_memory: int
@@ -61,7 +62,8 @@ class Plan:
 
         What a pass has freed stays with the process for the most part, so the export comes on top of it.
         """
-        return _BASE + max(p.memory for p in self.passes) + self.global_memory + self.export_memory
+        interpreters = 1 + (self.workers if self.processes else 0)
+        return _BASE * interpreters + max(p.memory for p in self.passes) + self.global_memory + self.export_memory
 
     def check(self, options: RunOptions) -> None:
         """Refuse a run that needs more memory than allowed.
@@ -122,6 +124,7 @@ def plan_passes(command: str, raster: Raster, passes: Sequence[Pass], options: R
         grid.tile_shape,
         len(grid),
         workers,
+        options.executor == "processes",
         plans,
         global_memory,
         _EXPORT + _EXPORT_PER_COLUMN * grid.shape[1],

@@ -151,9 +151,14 @@ def open_run(folder: Path, record: Record, identity: Record, options: RunOptions
         state.mkdir(parents=True, exist_ok=True)
         with (state / LOCK).open("w") as lock:
             _lock(lock, folder)
-            _begin(folder, record, identity, options.overwrite)
-            with _small_cache(), open_executor(options.executor, options.workers) as executor:
-                yield Run(folder, options, executor, progress)
+            began = _begin(folder, record, identity, options.overwrite)
+            try:
+                with _small_cache(), open_executor(options.executor, options.workers) as executor:
+                    yield Run(folder, options, executor, progress)
+            except InputError:
+                if began and _passes_with_facts(state) <= 1:
+                    _take_back(folder)
+                raise
     except OSError as error:
         raise disk_error(error, folder) from error
 
@@ -171,14 +176,25 @@ def _check_folder(folder: Path, overwrite: bool) -> None:
         raise InputError(f"{folder}: is not empty and holds no run; name another folder")
 
 
-def _begin(folder: Path, record: Record, identity: Record, overwrite: bool) -> None:
-    """Resume the state that has this identity, or begin an empty one; the caller holds the lock."""
+def _passes_with_facts(state: Path) -> int:
+    return sum(1 for item in state.iterdir() if item.is_dir() and any(item.glob("*.facts")))
+
+
+def _take_back(folder: Path) -> None:
+    """Remove a state that was begun in vain, so that the folder is what it was before the refusal."""
+    shutil.rmtree(folder / STATE)
+    if not any(folder.iterdir()):
+        folder.rmdir()
+
+
+def _begin(folder: Path, record: Record, identity: Record, overwrite: bool) -> bool:
+    """Resume the state that has this identity, or begin an empty one (True); the caller holds the lock."""
     state = folder / STATE
     known = state / IDENTITY
     if known.exists():
         differences = _differences(_plain(identity), read_record(known))
         if not differences:
-            return
+            return False
         if not overwrite:
             raise InputError(
                 f"{folder}: holds an unfinished run that differs in {', '.join(differences)}; "
@@ -192,6 +208,7 @@ def _begin(folder: Path, record: Record, identity: Record, overwrite: bool) -> N
             item.unlink()
     write_record(state / RECORD, record)
     write_record(known, identity)
+    return True
 
 
 @contextmanager

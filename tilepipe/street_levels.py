@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -59,15 +60,16 @@ def count_values(raster: Raster, tile: Tile) -> Facts:
     return facts
 
 
-def _added(facts: list[Facts], name: str) -> NDArray[np.int64]:
-    """Sum of the histograms of all tiles."""
-    counts = np.zeros(levels.BINS, np.int64)
+def _added(facts: Iterable[Facts]) -> dict[str, NDArray[np.int64]]:
+    """Sums of the histograms of all tiles."""
+    sums = {name: np.zeros(levels.BINS, np.int64) for name in ("value", "difference")}
     for tile in facts:
-        counts[tile[f"{name}:bins"]] += tile[f"{name}:counts"]
-    return counts
+        for name, counts in sums.items():
+            counts[tile[f"{name}:bins"]] += tile[f"{name}:counts"]
+    return sums
 
 
-def grey_scale(facts: list[Facts], parameters: StreetParameters, name: str) -> GreyScale:
+def grey_scale(facts: Iterable[Facts], parameters: StreetParameters, name: str) -> GreyScale:
     """Reconcile the histograms of all tiles.
 
     Raises
@@ -75,7 +77,8 @@ def grey_scale(facts: list[Facts], parameters: StreetParameters, name: str) -> G
     InputError
         When the raster holds only nodata or a single value.
     """
-    counts = _added(facts, "value")
+    sums = _added(facts)
+    counts = sums["value"]
     filled = np.flatnonzero(counts)
     if filled.size == 0:
         raise InputError(f"{name}: holds nothing but nodata; check the file and its nodata value")
@@ -89,12 +92,11 @@ def grey_scale(facts: list[Facts], parameters: StreetParameters, name: str) -> G
     grey = np.rint(plain.apply(levels.bin_values(filled)[None])[0]).astype(np.int64)
     split, dark, bright = levels.otsu_classes(_counted(grey, counts[filled]))
     threshold = split + 0.5 if parameters.darkness is None else parameters.darkness
-    return GreyScale(darkest, brightest, threshold, dark, bright, _noise(facts, darkest, brightest))
+    return GreyScale(darkest, brightest, threshold, dark, bright, _noise(sums["difference"], darkest, brightest))
 
 
-def _noise(facts: list[Facts], darkest: float, brightest: float) -> float:
+def _noise(counts: NDArray[np.int64], darkest: float, brightest: float) -> float:
     """Standard deviation of the grey levels' noise from the median difference of neighbours: edges do not move it."""
-    counts = _added(facts, "difference")
     if not counts.any():
         return 0.0
     return levels.percentile(counts, 50.0) * LARGEST_GREY / (brightest - darkest) / _MEDIAN_DIFFERENCE

@@ -14,8 +14,8 @@ from tilepipe.street_lines import LineContext, read_streets
 from tilepipe.street_parameters import StreetParameters
 from tilepipe_kernels import ridges
 
-RESPONSE_EDGES = np.concatenate([[0.0], np.geomspace(1e-4, 1e3, 281)])
-"""Edges of the bins in which line responses are counted (grey per pixel²): 40 a decade."""
+RESPONSE_EDGES = ridges.response_bins(1e-3, 1e3, 240)
+"""Edges of the bins in which line responses are counted (grey per pixel²): 40 a decade, 10⁻³ to 10³."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ def line_thresholds(
     Raises
     ------
     InputError
-        When the histogram of responses is empty.
+        When the histogram of responses is too poor to part it.
     """
     p = parameters
     sigma = max(1.0, p.sigma / resolution)
@@ -64,10 +64,9 @@ def line_thresholds(
         unit = min(ridges.response_of_bar(w / resolution / 2, contrast, sigma) for w in widths)
     else:
         counts = np.sum([f["responses"] for f in responses], axis=0)
-        if counts.sum() == 0:
-            return Thresholds(1.0, 1.0, sigma, scale.noise)
-        unit = ridges.thresholds_from_histogram(counts, RESPONSE_EDGES)[1]
+        try:
+            unit = ridges.thresholds_from_histogram(counts, RESPONSE_EDGES)[1]
+        except ValueError as error:
+            raise InputError(f"parameter thresholds='histogram': {error}; use thresholds='contrast'") from None
     low, high = p.low * unit, p.high * unit
-    if not low > 0:
-        raise InputError(f"parameter low={p.low} makes every point a line: use a value above 0")
     return Thresholds(low, high, sigma, scale.noise)

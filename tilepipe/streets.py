@@ -7,14 +7,15 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tilepipe import __version__, street_lines, street_segments
+from tilepipe.errors import InputError
 from tilepipe.export import convert
-from tilepipe.grid import TileGrid
+from tilepipe.grid import TileGrid, Window
 from tilepipe.layers import write_cog
 from tilepipe.ledger import Facts, Ledger
 from tilepipe.network import NetworkRules
@@ -31,10 +32,8 @@ from tilepipe.street_parameters import StreetParameters, street_parameters
 from tilepipe.street_thresholds import Thresholds, count_responses, line_thresholds
 from tilepipe_kernels.grey_levels import NO_REGION
 
-if TYPE_CHECKING:
-    pass
-
-Input = "str | Path | xr.DataArray"
+_MOST_REGIONS = 1 << 24
+"""Region ids travel with the points of lines as float32."""
 
 LINE_LAYERS = {"centerlines": street_lines.RIDGE, "skeleton": street_lines.AXIS}
 
@@ -84,10 +83,10 @@ def streets(
         When tiles failed; the finished ones are kept for the next try.
     """
     job = _prepare(rasters, height, params, crs, band, options)
+    job.plan().check(job.options)
     with open_run(Path(out).absolute(), job.record(out), job.identity(), job.options, progress or Silent()) as run:
-        job.check_memory()
         levels = run.run_pass(job.levels_pass())
-        scale = grey_scale(levels.all_facts(), job.parameters, job.raster.names[0])
+        scale = grey_scale(levels.each(), job.parameters, job.raster.names[0])
         segmented = run.run_pass(job.segment_pass(run.state, scale))
         regions = job.reconcile(run, segmented.all_facts())
         thresholds = job.thresholds(run, scale, regions)
@@ -124,7 +123,8 @@ def pass_sizes(record: Record) -> dict[str, int]:
 
 def _all_names() -> tuple[str, ...]:
     tables = [f"{name}.{suffix}" for name in LINE_LAYERS for suffix in ("parquet", "gpkg", "fgb", "geojson")]
-    return ("streets.tif", *tables)
+    pictures = ("quicklook.png", "quicklook_detail.png", "report.html")
+    return ("streets.tif", *tables, *pictures)
 
 
 def _prepare(
@@ -136,8 +136,16 @@ def _prepare(
     heights = None
     if height:
         dsm = open_raster(_as_list(height), crs=crs)
-        heights = street_segments.Heights(dsm, check_aligned(dsm, raster, "height raster"))
-    return _Job(raster, heights, parameters, options or RunOptions(), crs, band)
+        window = check_aligned(dsm, raster, "height raster")
+        if window.intersection(Window(0, 0, *raster.shape)).is_empty:
+            raise InputError(f"{dsm.names[0]}: the height raster does not overlap {raster.names[0]}")
+        heights = street_segments.Heights(dsm, window)
+    job = _Job(raster, heights, parameters, options or RunOptions(), crs, band)
+    try:
+        job.plan()
+    except (ValueError, OverflowError) as error:
+        raise InputError(f"the parameters do not suit pixels of {job.resolution:g} m: {error}") from None
+    return job
 
 
 def _as_list(items: Any) -> list[Any]:
@@ -195,7 +203,10 @@ class _Job:
             rows, columns = self.rectangle
             coarse = self.grid.coarsened(self.rectangle)
             regions = reconcile_regions(coarse, facts, tolerance=p.tolerance, rectangle=(rows * r, columns * r))
-            np.save(run.state / "lookup.npy", regions.lookup(select(regions, p)))
+            selected = select(regions, p)
+            if np.count_nonzero(selected) >= _MOST_REGIONS:
+                raise InputError(f"more than {_MOST_REGIONS:,} street regions; raise minimum_size or minimum_contour")
+            np.save(run.state / "lookup.npy", regions.lookup(selected))
             return regions
 
     def _line_context(self, state: Path, scale: GreyScale, regions: Regions, low: float) -> street_lines.LineContext:
@@ -269,10 +280,6 @@ class _Job:
             return replace(rules, high=thresholds.high), int(np.ceil(thresholds.sigma))
         return rules, 2
 
-    def check_memory(self) -> None:
-        """Refuse a run that would need more memory than allowed."""
-        self.plan().check(self.options)
-
     def plan(self) -> Plan:
         """What a run will do and need."""
         nowhere = Path(STATE)
@@ -297,7 +304,6 @@ class _Job:
             "sources": [f"{_absolute(source.name)} {source.stamp}" for source in sources],
             "raster": asdict(self.raster.geometry) | {"tile": list(self.grid.tile_shape), "band": self.band},
             "parameters": self.parameters.model_dump(),
-            "seed": self.options.seed,
         }
 
     def record(self, out: str | Path) -> Record:

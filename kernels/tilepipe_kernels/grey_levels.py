@@ -29,7 +29,8 @@ def stretched(value: np.float32, darkest: np.float32, scale: np.float32) -> np.f
 @rule
 def stored(grey: np.float32, in_region: bool, missing: bool) -> np.uint16:
     """Grey level of a region in steps above the nodata flag; `NO_REGION` with the flag elsewhere."""
-    steps = np.uint16(np.uint16(np.rint(grey * _STEPS)) << 1) if in_region else _NO_REGION
+    # the cast of NaN is undefined and differs between the compiler's loops, so NaN counts as no grey of its own
+    steps = np.uint16(np.uint16(np.rint(grey * _STEPS)) << 1) if in_region and grey == grey else _NO_REGION
     return np.uint16(steps | np.uint16(missing))
 
 
@@ -68,7 +69,8 @@ def _street_image(
 ) -> None:
     for i in range(mask.shape[0]):
         for j in range(mask.shape[1]):
-            inside = restored(packed[i, j], dark, limit) if ids[i, j] != 0 else dark
+            own = ids[i, j] != 0 and packed[i, j] < _NO_REGION
+            inside = restored(packed[i, j], dark, limit) if own else dark
             image[i, j] = inside if mask[i, j] else bright
 
 
