@@ -19,7 +19,7 @@ from .errors import InputError
 from .network_gaps import close_gaps
 from .network_graph import Bool, Chains, Graph, Int64, dissolve, graph_of, join
 from .network_points import LoadTile, coordinates, gather
-from .network_rules import OnBorder, contract, drop_short_components, hysteresis, nowhere, prune
+from .network_rules import OnBorder, contract, drop_short_components, drop_twins, hysteresis, nowhere, prune
 
 
 @dataclass(frozen=True)
@@ -168,6 +168,9 @@ def build_network(
     if rules.maximum_gap > 0:
         gap = rules.maximum_gap, rules.maximum_angle, rules.direction_steps
         graph = close_gaps(graph, chains, load_tile, *gap, on_border)
+        # bridges make junctions of their own, two at each crossing
+        graph = contract(graph, rules.contraction) if rules.contraction > 0 else graph
+        graph = drop_twins(graph, 2 * rules.maximum_gap)
     if rules.minimum_branch > 0:
         graph = prune(graph, rules.minimum_branch, on_border)
     if rules.minimum_length > 0:
@@ -208,18 +211,8 @@ def _node_positions(
     """Position of each node, shape (m, 2): of its pixel, or the mean of its members in ascending order."""
     if not len(nodes):
         return np.empty((0, 2))
-    first, last = graph.offsets[:-1], graph.offsets[1:] - 1
-    at_start = np.where(graph.part_backward[first], graph.part_stop[first] - 1, graph.part_start[first])
-    at_end = np.where(graph.part_backward[last], graph.part_start[last], graph.part_stop[last] - 1)
-    position = np.empty(len(nodes), np.int64)
-    position[index[::2]] = at_start
-    position[index[1::2]] = at_end
-    pixels = np.concatenate([chains.start, chains.end])
-    order = np.argsort(pixels, kind="stable")
-    ends = np.concatenate([chains.offsets[:-1], chains.offsets[1:] - 1])[order]
     wanted = np.isin(graph.member_node, nodes)
-    member_position = ends[np.searchsorted(pixels[order], graph.member_pixel[wanted])]
-    asked = np.concatenate([position, member_position])
+    asked = np.concatenate([graph.node_positions(len(nodes), index), graph.member_position[wanted]])
     pixel, attributes = gather(chains, load_tile, asked, asked + 1, np.zeros(len(asked), bool))
     places = coordinates(pixel, attributes, chains.width)
     xy, members = places[: len(nodes)], places[len(nodes) :]

@@ -199,6 +199,7 @@ def _cut(graph: Graph, chains: Chains, load_tile: LoadTile, positions: Int64) ->
         backward,
         graph.member_node,
         graph.member_pixel,
+        graph.member_position,
     )
     return _measured(pieces, chains, load_tile, np.union1d(later, later - 1)), node
 
@@ -240,6 +241,7 @@ def _bridges(tips: _Tips, chains: Chains, pairs: Int64, origin: Int64, target: I
         flat,
         flat + 1,
         np.zeros(len(flat), bool),
+        none,
         none,
         none,
     )

@@ -80,9 +80,9 @@ class Graph:
     offsets, part_start, part_stop, part_backward
         Edge i goes in order through the parts ``offsets[i]`` to ``offsets[i + 1]``; a part is the canonical
         positions [start, stop), read from its end where backward.
-    member_node, member_pixel
-        int64, shape (m,): node pixels that were contracted to the node ``member_node``, sorted by node and
-        pixel.
+    member_node, member_pixel, member_position
+        int64, shape (m,): node pixels contracted to ``member_node``, a canonical position of each; sorted by node
+        and pixel.
     """
 
     start: Int64
@@ -96,6 +96,7 @@ class Graph:
     part_backward: Bool
     member_node: Int64
     member_pixel: Int64
+    member_position: Int64
 
     def __len__(self) -> int:
         return len(self.start)
@@ -104,6 +105,14 @@ class Graph:
     def length(self) -> NDArray[np.float64]:
         """Length in pixels, shape (n,)."""
         return chain_length(self.axial, self.diagonal)
+
+    def node_positions(self, count: int, index: Int64) -> Int64:
+        """A canonical position of each of ``count`` nodes, from the node index of each edge end (see `degrees`)."""
+        first, last = self.offsets[:-1], self.offsets[1:] - 1
+        position = np.empty(count, np.int64)
+        position[index[::2]] = np.where(self.part_backward[first], self.part_stop[first] - 1, self.part_start[first])
+        position[index[1::2]] = np.where(self.part_backward[last], self.part_start[last], self.part_stop[last] - 1)
+        return position
 
     def degrees(self) -> tuple[Int64, Int64, Int64]:
         """Node pixels (sorted), number of edge ends at each, and the node index of each of the 2 n ends."""
@@ -221,7 +230,7 @@ def graph_of(chains: Chains) -> Graph:
     none = np.empty(0, np.int64)
     start, stop = chains.offsets[:-1], chains.offsets[1:]
     parts = np.arange(count + 1), start, stop, np.zeros(count, bool)
-    return Graph(chains.start, chains.end, chains.axial, chains.diagonal, start, *parts, none, none)
+    return Graph(chains.start, chains.end, chains.axial, chains.diagonal, start, *parts, none, none, none)
 
 
 def take(graph: Graph, order: Int64, flip: Bool) -> Graph:

@@ -80,15 +80,36 @@ def contract(graph: Graph, distance: float) -> Graph:
     points = np.add.reduceat(graph.part_stop - graph.part_start, graph.offsets[:-1])
     inside = (node[ends[:, 0]] == node[ends[:, 1]]) & (graph.start != graph.end)
     merged = size[label] > 1
-    order = np.lexsort((nodes[merged], node[merged]))
+    # members of an earlier contraction follow their node; a node that is gone has none
+    place = np.minimum(np.searchsorted(nodes, graph.member_node), len(nodes) - 1)
+    known = nodes[place] == graph.member_node
+    members = np.concatenate([nodes[merged], graph.member_pixel[known]])
+    owners = np.concatenate([node[merged], node[place[known]]])
+    positions = np.concatenate([graph.node_positions(len(nodes), index)[merged], graph.member_position[known]])
+    pairs, first = np.unique(np.stack([owners, members], axis=1), axis=0, return_index=True)
     moved = replace(
         graph,
         start=node[ends[:, 0]],
         end=node[ends[:, 1]],
-        member_node=node[merged][order],
-        member_pixel=nodes[merged][order],
+        member_node=pairs[:, 0].copy(),
+        member_pixel=pairs[:, 1].copy(),
+        member_position=positions[first],
     )
     return dissolve(canonical(keep(moved, ~short & ~(inside & (points < 4)))))
+
+
+def drop_twins(graph: Graph, longest: float) -> Graph:
+    """Of edges between the same two nodes that are of one length within a pixel, keep the first.
+
+    Two bridges over one gap make such twins; edges longer than ``longest`` pixels are no bridges and stay.
+    """
+    length = graph.length
+    order = np.lexsort((graph.key, length, graph.end, graph.start))
+    start, end, ordered = graph.start[order], graph.end[order], length[order]
+    twin = np.zeros(len(graph), bool)
+    twin[order[1:]] = (start[1:] == start[:-1]) & (end[1:] == end[:-1]) & (np.diff(ordered) <= 1)
+    dropped = twin & (length <= longest) & (graph.start != graph.end)
+    return dissolve(keep(graph, ~dropped)) if dropped.any() else graph
 
 
 def prune(graph: Graph, minimum: float, on_border: OnBorder = nowhere) -> Graph:

@@ -143,9 +143,8 @@ def _map(run: StreetsRun) -> tuple[Any, Any, list[str]]:
     plot = plotting.figure(
         x_range=Range1d(start=left, end=right),
         y_range=Range1d(start=bottom, end=top),
-        match_aspect=True,
-        sizing_mode="stretch_width",
-        height=720,
+        aspect_ratio=(right - left) / (top - bottom),
+        sizing_mode="scale_width",
         tools="pan,wheel_zoom,box_zoom,reset,save",
         active_scroll="wheel_zoom",
         x_axis_label=f"easting ({run.unit})",
@@ -208,13 +207,20 @@ def _lines(plot: Any, run: StreetsRun, table: GeoDataFrame, colour: str, name: s
     }
     shown = [column for column in _HOVER if column in kept.columns]
     for column in shown:
-        data[column] = [f"{value:,.4g}" if column != "line_id" else str(value) for value in kept[column]]
+        data[column] = [_shown(column, value) for value in kept[column]]
     renderer = plot.multi_line(
         "xs", "ys", source=data, color=colour, line_width=2.5, hover_line_color="#ffffff", hover_line_width=5
     )
     tooltips = [("layer", name)] + [(_HOVER[column], f"@{column}") for column in shown]
     plot.add_tools(HoverTool(renderers=[renderer], tooltips=tooltips, description=f"facts of {name}"))
     return renderer
+
+
+def _shown(column: str, value: Any) -> str:
+    """A fact as text; GeoJSON knows no NaN and gives None."""
+    if value is None:
+        return "–"
+    return str(value) if column == "line_id" else f"{value:,.4g}"
 
 
 def _thinned(table: GeoDataFrame, pixel: float) -> tuple[GeoDataFrame, str]:
