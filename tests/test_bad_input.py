@@ -146,7 +146,7 @@ def test_parameters(monkeypatch, capsys, tmp_path, good, setting, words):
 @pytest.mark.parametrize(
     ("option", "words"),
     [
-        (("--memory", "1MiB"), "use a smaller --tile"),
+        (("--memory", "1MiB"), "use a larger --memory"),
         (("--memory", "lots"), "memory 'lots'"),
         (("--tile", "0"), "tile size 0"),
         (("--workers", "0"), "0 workers"),

@@ -146,10 +146,16 @@ def _streets_of_record(record: dict[str, Any], *, overwrite: bool, quiet: bool, 
             print(layer)
 
 
+_KNOWN = {"command", "version", "out", "inputs", "raster", "options", "parameters"}
+"""Names and tables of a record."""
+
+
 def _load_record(path: Path, out: Path | None) -> dict[str, Any]:
     from tilepipe.run import read_record
 
     record = read_record(path)
+    if unknown := sorted(set(record) - _KNOWN):
+        raise InputError(f"{path}: '{unknown[0]}' is unknown; known are {', '.join(sorted(_KNOWN))}")
     if record.get("command") != "streets":
         raise InputError(f"{path}: command '{record.get('command')}' is unknown; use streets")
     if out is not None:
@@ -323,6 +329,11 @@ def main() -> None:
             raise
         print(f"tilepipe: error: {error}", file=sys.stderr)
         sys.exit(BAD_INPUT if isinstance(error, InputError) else FAILED)
+    except OSError as error:
+        if os.environ.get("TILEPIPE_DEBUG"):
+            raise
+        print(f"tilepipe: error: {error.filename or 'a file'}: {error.strerror or error}", file=sys.stderr)
+        sys.exit(BAD_INPUT)
     except KeyboardInterrupt:
         _stop_interrupted()
     except SystemExit as stopped:

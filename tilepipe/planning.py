@@ -77,7 +77,7 @@ class Plan:
             return
         raise InputError(
             f"the run needs about {format_memory(self.memory)} but --memory is {format_memory(options.memory)}; "
-            f"use a smaller --tile than {options.tile}, fewer --workers than {self.workers}, or a larger --memory"
+            f"use a larger --memory, a smaller --tile than {options.tile}, or fewer workers than {self.workers}"
         )
 
     def text(self) -> str:
