@@ -51,12 +51,12 @@ class LineContext:
     @property
     def cap(self) -> int:
         """Half the width of the widest street in whole pixels."""
-        return max(2, math.ceil(self.pixels(self.parameters.maximum_width) / 2))
+        return self.parameters.half_width_in_pixels(self.resolution)
 
     @property
     def sigma(self) -> float:
         """Scale of the ridge lines in pixels."""
-        return max(1.0, self.pixels(self.parameters.sigma))
+        return self.parameters.sigma_in_pixels(self.resolution)
 
 
 def halo(parameters: StreetParameters, resolution: float) -> int:
@@ -65,10 +65,10 @@ def halo(parameters: StreetParameters, resolution: float) -> int:
         parameters.opening_radius / resolution
     )
     cleaning += morphology.speck_halo(speck_pixels(parameters, resolution))
-    sigma = max(1.0, parameters.sigma / resolution)
+    sigma = parameters.sigma_in_pixels(resolution)
     width = parameters.maximum_width / resolution
     ridge = ridges.halo(sigma, width)
-    cap = max(2, math.ceil(parameters.maximum_width / resolution / 2))
+    cap = parameters.half_width_in_pixels(resolution)
     return cleaning + max(ridge, skeleton.halo(cap) + 2)
 
 

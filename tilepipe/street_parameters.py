@@ -132,6 +132,14 @@ class StreetParameters(BaseModel):
         """Scale σ of the ridge lines in metres: σ ≥ w/√3 for the half width w (Steger 1998, eq. 9)."""
         return self.line_sigma if self.line_sigma is not None else self.line_width / 2 / math.sqrt(3)
 
+    def sigma_in_pixels(self, resolution: float) -> float:
+        """Scale σ of the ridge lines in pixels of ``resolution`` metres, at least one pixel."""
+        return max(1.0, self.sigma / resolution)
+
+    def half_width_in_pixels(self, resolution: float) -> int:
+        """Half the width of the widest place with an axis in whole pixels of ``resolution`` metres."""
+        return max(2, math.ceil(self.maximum_width / resolution / 2))
+
 
 def street_parameters(values: dict[str, Any]) -> StreetParameters:
     """Parameters from named values, such as those of ``--set name=value`` or of a record.

@@ -55,7 +55,7 @@ def line_thresholds(
         When the histogram of responses is too poor to part it.
     """
     p = parameters
-    sigma = max(1.0, p.sigma / resolution)
+    sigma = p.sigma_in_pixels(resolution)
     if p.thresholds == "absolute":
         unit = resolution**2
     elif p.thresholds == "contrast":
