@@ -112,11 +112,11 @@ def diffuse(
     padded = _padded_width(columns + 2 * reach)
     # A step in flight needs `reach` rows of the image and twice as many turning ones in the cache.
     at_once = max(1, min(_MOST_STEPS_AT_ONCE, steps, _CACHE_BYTES // (4 * padded * (3 * reach + 6))))
-    turning = np.empty((rows + at_once * (reach + 1), padded), np.float32)
-    load(turning, image, reach)
+    turning = np.empty((rows + at_once * (reach + 1) + 1, padded), np.float32)
+    whole = load(turning, image, reach)
     curvature = model == "curvature"
-    # Bounded, so that the float32 strength is finite: infinity times a zero gradient would be NaN.
-    strength = min(conductance, 1e30) if curvature else max(conductance, 1e-15) ** -2
+    # Bounded, so that every product of the rules is finite in float32 for grey levels up to a million.
+    strength = min(conductance, 1e10) if curvature else max(conductance, 1e-15) ** -2
     terms = Terms(
         model=get_args(Model).index(model),
         reach=reach,
@@ -125,8 +125,8 @@ def diffuse(
         strength=np.float32(strength),
         fidelity=np.float32(fidelity),
     )
-    first = run_steps(turning, image, (r0, r1, c0, c1), int(steps), at_once, terms)
-    slots = (first + np.arange(r0, r1)) % turning.shape[0]
+    first = run_steps(turning, image, whole, (r0, r1, c0, c1), int(steps), at_once, terms)
+    slots = (first + np.arange(r0, r1)) % (turning.shape[0] - 1)
     result: NDArray[np.float32] = turning[slots, reach + c0 : reach + c1]
     return result
 

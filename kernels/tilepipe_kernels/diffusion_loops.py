@@ -18,8 +18,13 @@ from numpy.typing import NDArray
 from .compiled import loop, rule
 
 Window = tuple[int, int, int, int]
-Row = NDArray[np.float32]
+Flat = NDArray[np.float32]
+Three = tuple[int, int, int]
+Seven = tuple[int, int, int, int, int, int, int]
 Image = NDArray[np.float32]
+# None where no value in reach can be missing: the compiler then leaves the tests out, half of the work.
+Gaps = bool | None
+Counts = NDArray[np.int64]
 
 _ZERO, _HALF, _ONE, _TWO, _QUARTER = (np.float32(value) for value in (0, 0.5, 1, 2, 0.25))
 # A gradient below 1/1000 grey level has no direction; the rule holds twice the gradient, hence the 4.
@@ -42,20 +47,32 @@ class Terms(NamedTuple):
     fidelity: np.float32
 
 
+class Rows(NamedTuple):
+    """The slots of u, each a row of the block in a frame of missing columns, and one slot of NaN; see `load`."""
+
+    flat: Flat
+    whole: Counts
+    slots: int
+    width: int
+    columns: int
+    frame: int
+
+
 # ------------------------------------------------------------------------------------------------- site rules
 
 
 @rule
-def present(value: np.float32, centre: np.float32) -> np.float32:
+def present(value: np.float32, centre: np.float32, gaps: Gaps) -> np.float32:
     """Value of a neighbour; the centre's where the neighbour is missing (NaN): no flux across that side."""
+    if gaps is None:
+        return value
     return value if value == value else centre
 
 
 @rule
-def edge_stopping(smooth_across: np.float32, smooth_down: np.float32, conductance: np.float32) -> np.float32:
-    """Edge-stopping function g = 1 / (1 + k |∇(G_σ * u)|²) from twice the central differences of G_σ * u."""
-    squared = _QUARTER * (smooth_across * smooth_across + smooth_down * smooth_down)
-    return _ONE / (_ONE + conductance * squared)
+def edge_strength(smooth_across: np.float32, smooth_down: np.float32, conductance: np.float32) -> np.float32:
+    """k |∇(G_σ * u)|² from twice the central differences of G_σ * u; the edge-stopping g is 1 / (1 + it)."""
+    return conductance * (_QUARTER * (smooth_across * smooth_across + smooth_down * smooth_down))
 
 
 @rule
@@ -63,24 +80,29 @@ def mean_curvature_motion(
     nw: np.float32, n: np.float32, ne: np.float32,
     w: np.float32, centre: np.float32, e: np.float32,
     sw: np.float32, s: np.float32, se: np.float32,
-) -> np.float32:  # fmt: skip
-    """|∇u| div(∇u/|∇u|) by central differences; its mean over all directions, Δu/2, where ∇u vanishes."""
+) -> tuple[np.float32, np.float32]:  # fmt: skip
+    """|∇u| div(∇u/|∇u|) by central differences, as numerator and denominator; Δu/2 where ∇u vanishes."""
     across, down = e - w, s - n
     twice = _TWO * centre
     second_across, second_down = (e + w) - twice, (s + n) - twice
     mixed = (se + nw) - (ne + sw)
     across_squared, down_squared = across * across + _FLAT, down * down + _FLAT
     along = second_across * down_squared + second_down * across_squared
-    return (along - _HALF * (across * down) * mixed) / (across_squared + down_squared)
+    return along - _HALF * (across * down) * mixed, across_squared + down_squared
 
 
 @rule
 def relaxed(
-    centre: np.float32, motion: np.float32, stopping: np.float32, given: np.float32,
+    centre: np.float32, motion: tuple[np.float32, np.float32], strength: np.float32, given: np.float32,
     time_step: np.float32, fidelity: np.float32,
 ) -> np.float32:  # fmt: skip
-    """One explicit Euler step of u_t = g |∇u| div(∇u/|∇u|) - λ (1 - g)(u - I) (Barcelos et al. 2003)."""
-    return centre + time_step * (stopping * motion - fidelity * ((_ONE - stopping) * (centre - given)))
+    """One explicit Euler step of u_t = g |∇u| div(∇u/|∇u|) - λ (1 - g)(u - I) (Barcelos et al. 2003).
+
+    With g = 1 / (1 + E) and the motion N / D the right side is (N - λ E D (u - I)) / ((1 + E) D): one division.
+    """
+    numerator, denominator = motion
+    drawn_back = fidelity * (strength * denominator * (centre - given))
+    return centre + time_step * ((numerator - drawn_back) / ((_ONE + strength) * denominator))
 
 
 @rule
@@ -120,152 +142,222 @@ def exponential_flux(difference: np.float32, inverse_squared: np.float32) -> np.
 
 
 # ------------------------------------------------------------------------------------------------- row loops
+# Rows travel as a flat array and a position, and become views only here: a view that is handed on costs a
+# reference count each time, as much as tens of pixels.
 
 
 @loop
-def _add_pair(total: Row, before: Row, centre: Row, after: Row, weight: np.float32) -> None:
-    for j in range(total.size):
-        total[j] += weight * (present(before[j], centre[j]) + present(after[j], centre[j]))
+def _add_pair(
+    total: Flat, to: int, flat: Flat, before: int, centre: int, after: int, count: int, weight: np.float32, gaps: Gaps
+) -> None:
+    sums, here = total[to : to + count], flat[centre : centre + count]
+    left, right = flat[before : before + count], flat[after : after + count]
+    for j in range(count):
+        sums[j] += weight * (present(left[j], here[j], gaps) + present(right[j], here[j], gaps))
 
 
 @loop
 def _centre_and_three_pairs(
-    total: Row, a3: Row, a2: Row, a1: Row, centre: Row, b1: Row, b2: Row, b3: Row, weights: Row
+    total: Flat, to: int, flat: Flat, rows: Seven, count: int, weights: Flat, gaps: Gaps
 ) -> None:
     """The same sums in the same order as `_add_pair` thrice, in one walk: twice as fast."""
+    a3, a2, a1 = flat[rows[0] : rows[0] + count], flat[rows[1] : rows[1] + count], flat[rows[2] : rows[2] + count]
+    b1, b2, b3 = flat[rows[4] : rows[4] + count], flat[rows[5] : rows[5] + count], flat[rows[6] : rows[6] + count]
+    centre, sums = flat[rows[3] : rows[3] + count], total[to : to + count]
     w0, w1, w2, w3 = weights[0], weights[1], weights[2], weights[3]
-    for j in range(total.size):
+    for j in range(count):
         here = centre[j]
-        value = w0 * here + w1 * (present(a1[j], here) + present(b1[j], here))
-        value += w2 * (present(a2[j], here) + present(b2[j], here))
-        total[j] = value + w3 * (present(a3[j], here) + present(b3[j], here))
-
-
-@loop
-def _row(turning: Image, missing: Row, row: int, rows: int, offset: int) -> Row:
-    """Padded row `row` of the step whose row 0 lies in slot `offset`; a row of NaN outside the block."""
-    if row < 0 or row >= rows:
-        return missing
-    found: Row = turning[(row + offset) % turning.shape[0]]
-    return found
-
-
-@loop
-def _smooth_row(
-    result: Row, line: Row, turning: Image, missing: Row, weights: Row, row: int, rows: int, offset: int,
-    start: int, stop: int,
-) -> None:  # fmt: skip
-    """G_σ * u of one row, padded columns start..stop: sums down the columns into `line`, then along it."""
-    radius = weights.size - 1
-    first, last = start - radius, stop + radius
-    centre = _row(turning, missing, row, rows, offset)[first:last]
-    total = line[first:last]
-    if radius >= 3:
-        a3 = _row(turning, missing, row - 3, rows, offset)[first:last]
-        a2 = _row(turning, missing, row - 2, rows, offset)[first:last]
-        a1 = _row(turning, missing, row - 1, rows, offset)[first:last]
-        b1 = _row(turning, missing, row + 1, rows, offset)[first:last]
-        b2 = _row(turning, missing, row + 2, rows, offset)[first:last]
-        b3 = _row(turning, missing, row + 3, rows, offset)[first:last]
-        _centre_and_three_pairs(total, a3, a2, a1, centre, b1, b2, b3, weights)
-    else:
-        for j in range(total.size):
-            total[j] = weights[0] * centre[j]
-    summed = 3 if radius >= 3 else 0
-    for k in range(summed + 1, radius + 1):
-        above = _row(turning, missing, row - k, rows, offset)[first:last]
-        below = _row(turning, missing, row + k, rows, offset)[first:last]
-        _add_pair(total, above, centre, below, weights[k])
-
-    centre, total = line[start:stop], result[start:stop]
-    if radius >= 3:
-        a3, a2, a1 = line[start - 3 :], line[start - 2 :], line[start - 1 :]
-        b1, b2, b3 = line[start + 1 :], line[start + 2 :], line[start + 3 :]
-        _centre_and_three_pairs(total, a3, a2, a1, centre, b1, b2, b3, weights)
-    else:
-        for j in range(total.size):
-            total[j] = weights[0] * centre[j]
-    for k in range(summed + 1, radius + 1):
-        _add_pair(total, line[start - k :], centre, line[start + k :], weights[k])
+        value = w0 * here + w1 * (present(a1[j], here, gaps) + present(b1[j], here, gaps))
+        value += w2 * (present(a2[j], here, gaps) + present(b2[j], here, gaps))
+        sums[j] = value + w3 * (present(a3[j], here, gaps) + present(b3[j], here, gaps))
 
 
 @loop
 def _curvature_row(
-    result: Row, above: Row, centre: Row, below: Row, smooth_above: Row, smooth: Row, smooth_below: Row,
-    given: Row, terms: Terms,
+    u: Flat, to: int, rows: Three, smooth: Flat, smooth_rows: Three, given: Flat, wanted: int, count: int,
+    terms: Terms, gaps: Gaps,
 ) -> None:  # fmt: skip
-    """One step along a row; the rows of u and of G_σ * u hold one column more on each side."""
+    """One step along a row: u at the positions `rows` and G_σ * u at `smooth_rows`, above, on and below it."""
     time_step, conductance, fidelity = terms.time_step, terms.strength, terms.fidelity
-    for j in range(result.size):
-        here = smooth[j + 1]
-        across = present(smooth[j + 2], here) - present(smooth[j], here)
-        down = present(smooth_below[j + 1], here) - present(smooth_above[j + 1], here)
-        stopping = edge_stopping(across, down, conductance)
+    result, original = u[to : to + count], given[wanted : wanted + count]
+    above, centre = u[rows[0] - 1 : rows[0] + count + 1], u[rows[1] - 1 : rows[1] + count + 1]
+    below = u[rows[2] - 1 : rows[2] + count + 1]
+    smooth_above = smooth[smooth_rows[0] : smooth_rows[0] + count]
+    smooth_centre = smooth[smooth_rows[1] - 1 : smooth_rows[1] + count + 1]
+    smooth_below = smooth[smooth_rows[2] : smooth_rows[2] + count]
+    for j in range(count):
+        here = smooth_centre[j + 1]
+        across = present(smooth_centre[j + 2], here, gaps) - present(smooth_centre[j], here, gaps)
+        down = present(smooth_below[j], here, gaps) - present(smooth_above[j], here, gaps)
+        strength = edge_strength(across, down, conductance)
 
         here = centre[j + 1]
-        nw, n, ne = present(above[j], here), present(above[j + 1], here), present(above[j + 2], here)
-        w, e = present(centre[j], here), present(centre[j + 2], here)
-        sw, s, se = present(below[j], here), present(below[j + 1], here), present(below[j + 2], here)
+        nw, n, ne = present(above[j], here, gaps), present(above[j + 1], here, gaps), present(above[j + 2], here, gaps)
+        w, e = present(centre[j], here, gaps), present(centre[j + 2], here, gaps)
+        sw, s, se = present(below[j], here, gaps), present(below[j + 1], here, gaps), present(below[j + 2], here, gaps)
         motion = mean_curvature_motion(nw, n, ne, w, here, e, sw, s, se)
-        moved = relaxed(here, motion, stopping, given[j], time_step, fidelity)
+        moved = relaxed(here, motion, strength, original[j], time_step, fidelity)
         floor = lower(lower(lower(nw, n), lower(ne, w)), lower(lower(e, sw), lower(s, se)))
         ceiling = higher(higher(higher(nw, n), higher(ne, w)), higher(higher(e, sw), higher(s, se)))
-        floor = lower(floor, lower(here, given[j]))
-        ceiling = higher(ceiling, higher(here, given[j]))
+        floor = lower(floor, lower(here, original[j]))
+        ceiling = higher(ceiling, higher(here, original[j]))
         result[j] = lower(higher(moved, floor), ceiling)
 
 
 @loop
-def _exponential_row(result: Row, above: Row, centre: Row, below: Row, terms: Terms) -> None:
+def _exponential_row(u: Flat, to: int, rows: Three, count: int, terms: Terms, gaps: Gaps) -> None:
     time_step, inverse_squared = terms.time_step, terms.strength
-    for j in range(result.size):
+    result, centre = u[to : to + count], u[rows[1] - 1 : rows[1] + count + 1]
+    above, below = u[rows[0] : rows[0] + count], u[rows[2] : rows[2] + count]
+    for j in range(count):
         here = centre[j + 1]
-        n = exponential_flux(present(above[j + 1], here) - here, inverse_squared)
-        s = exponential_flux(present(below[j + 1], here) - here, inverse_squared)
-        w = exponential_flux(present(centre[j], here) - here, inverse_squared)
-        e = exponential_flux(present(centre[j + 2], here) - here, inverse_squared)
+        n = exponential_flux(present(above[j], here, gaps) - here, inverse_squared)
+        s = exponential_flux(present(below[j], here, gaps) - here, inverse_squared)
+        w = exponential_flux(present(centre[j], here, gaps) - here, inverse_squared)
+        e = exponential_flux(present(centre[j + 2], here, gaps) - here, inverse_squared)
         result[j] = here + time_step * ((n + s) + (w + e))
 
 
 @loop
-def _rational_row(result: Row, above: Row, centre: Row, below: Row, terms: Terms) -> None:
+def _rational_row(u: Flat, to: int, rows: Three, count: int, terms: Terms, gaps: Gaps) -> None:
     time_step, inverse_squared = terms.time_step, terms.strength
-    for j in range(result.size):
+    result, centre = u[to : to + count], u[rows[1] - 1 : rows[1] + count + 1]
+    above, below = u[rows[0] : rows[0] + count], u[rows[2] : rows[2] + count]
+    for j in range(count):
         here = centre[j + 1]
-        n = rational_flux(present(above[j + 1], here) - here, inverse_squared)
-        s = rational_flux(present(below[j + 1], here) - here, inverse_squared)
-        w = rational_flux(present(centre[j], here) - here, inverse_squared)
-        e = rational_flux(present(centre[j + 2], here) - here, inverse_squared)
+        n = rational_flux(present(above[j], here, gaps) - here, inverse_squared)
+        s = rational_flux(present(below[j], here, gaps) - here, inverse_squared)
+        w = rational_flux(present(centre[j], here, gaps) - here, inverse_squared)
+        e = rational_flux(present(centre[j + 2], here, gaps) - here, inverse_squared)
         result[j] = here + time_step * ((n + s) + (w + e))
+
+
+# ----------------------------------------------------------------------------------------------- rows in spans
+
+
+@loop
+def _at(u: Rows, row: int, offset: int) -> int:
+    """Position of padded row `row` of the step whose row 0 lies in slot `offset`; of NaN outside the block."""
+    slot: int = u.slots if row < 0 or row >= u.whole.size - 1 else (row + offset) % u.slots
+    return slot * u.width
+
+
+@loop
+def _whole_span(u: Rows, row: int, radius: int, start: int, stop: int) -> tuple[int, int]:
+    """Part of the padded columns start..stop of a row where nothing within `radius` is missing; maybe empty."""
+    below = row + radius + 1
+    if row < radius or below >= u.whole.size or u.whole[below] - u.whole[row - radius] <= 2 * radius:
+        return start, start
+    first = min(max(start, u.frame + radius), stop)
+    return first, max(first, min(stop, u.frame + u.columns - radius))
+
+
+@loop
+def _smooth_span(
+    ring: Flat, to: int, line: Flat, u: Rows, weights: Flat, row: int, offset: int, start: int, stop: int, gaps: Gaps
+) -> None:
+    """G_σ * u of one row, padded columns start..stop: sums down the columns into `line`, then along it."""
+    if start == stop:
+        return
+    radius = weights.size - 1
+    first, count = start - radius, stop - start + 2 * radius
+    centre = _at(u, row, offset) + first
+    if radius >= 3:
+        a3, b3 = _at(u, row - 3, offset) + first, _at(u, row + 3, offset) + first
+        a2, b2 = _at(u, row - 2, offset) + first, _at(u, row + 2, offset) + first
+        a1, b1 = _at(u, row - 1, offset) + first, _at(u, row + 1, offset) + first
+        _centre_and_three_pairs(line, first, u.flat, (a3, a2, a1, centre, b1, b2, b3), count, weights, gaps)
+    else:
+        for j in range(count):
+            line[first + j] = weights[0] * u.flat[centre + j]
+    summed = 3 if radius >= 3 else 0
+    for k in range(summed + 1, radius + 1):
+        above, below = _at(u, row - k, offset) + first, _at(u, row + k, offset) + first
+        _add_pair(line, first, u.flat, above, centre, below, count, weights[k], gaps)
+
+    i, count = start, stop - start
+    if radius >= 3:
+        near = (i - 3, i - 2, i - 1, i, i + 1, i + 2, i + 3)
+        _centre_and_three_pairs(ring, to + i, line, near, count, weights, gaps)
+    else:
+        for j in range(count):
+            ring[to + i + j] = weights[0] * line[i + j]
+    for k in range(summed + 1, radius + 1):
+        _add_pair(ring, to + i, line, i - k, i, i + k, count, weights[k], gaps)
+
+
+@loop
+def _smooth_row(
+    ring: Flat, to: int, line: Flat, u: Rows, weights: Flat, row: int, offset: int, start: int, stop: int
+) -> None:
+    """G_σ * u of one row, padded columns start..stop."""
+    first, last = _whole_span(u, row, weights.size - 1, start, stop)
+    _smooth_span(ring, to, line, u, weights, row, offset, start, first, True)
+    _smooth_span(ring, to, line, u, weights, row, offset, first, last, None)
+    _smooth_span(ring, to, line, u, weights, row, offset, last, stop, True)
+
+
+@loop
+def _step_span(
+    u: Rows, to: int, ring: Flat, ring_start: int, given: Image, row: int, offset: int, start: int, stop: int,
+    terms: Terms, gaps: Gaps,
+) -> None:  # fmt: skip
+    """One step of one row, padded columns start..stop."""
+    if start == stop:
+        return
+    count = stop - start
+    rows = (_at(u, row - 1, offset) + start, _at(u, row, offset) + start, _at(u, row + 1, offset) + start)
+    if terms.model == CURVATURE:
+        at = ring_start + start
+        smooth = (at + (row - 1) % 3 * u.width, at + row % 3 * u.width, at + (row + 1) % 3 * u.width)
+        wanted = row * u.columns + start - u.frame
+        _curvature_row(u.flat, to + start, rows, ring, smooth, given, wanted, count, terms, gaps)
+    elif terms.model == _EXPONENTIAL:
+        _exponential_row(u.flat, to + start, rows, count, terms, gaps)
+    else:
+        _rational_row(u.flat, to + start, rows, count, terms, gaps)
 
 
 # ------------------------------------------------------------------------------------------------- the steps
 
 
 @loop
-def load(turning: Image, image: Image, reach: int) -> None:
-    """Copy the image into a frame of missing columns; what is not finite becomes missing."""
+def load(turning: Image, image: Image, reach: int) -> Counts:
+    """Copy the image into a frame of missing columns, what is not finite missing; the last row is all missing.
+
+    Returns the number of rows without missing values above each row of the image.
+    """
     rows, columns = image.shape
+    whole = np.zeros(rows + 1, np.int64)
     for i in range(turning.shape[0]):
         row = turning[i]
         row[:reach] = np.nan
         row[reach + columns : 2 * reach + columns] = np.nan
         if i < rows:
             source, inner = image[i], row[reach : reach + columns]
+            finite = True
             for j in range(columns):
-                inner[j] = source[j] if source[j] - source[j] == _ZERO else np.float32(np.nan)
+                kept = source[j] - source[j] == _ZERO
+                finite &= kept
+                inner[j] = source[j] if kept else np.float32(np.nan)
+            whole[i + 1] = whole[i] + finite
+    turning[-1] = np.nan
+    return whole
 
 
 @loop
-def run_steps(turning: Image, image: Image, window: Window, steps: int, at_once: int, terms: Terms) -> int:
+def run_steps(
+    turning: Image, image: Image, whole: Counts, window: Window, steps: int, at_once: int, terms: Terms
+) -> int:
     """All steps, `at_once` following one another down the block; return the slot of the result's row 0."""
     rows, columns = image.shape
     reach = terms.reach
     drift = reach + 1
-    slots: int = turning.shape[0]
-    missing = np.full(turning.shape[1], np.nan, np.float32)
-    line = np.empty_like(missing)
-    rings = np.empty((at_once, 3, missing.size), np.float32)
+    slots, width = turning.shape[0] - 1, turning.shape[1]
+    u = Rows(turning.reshape(-1), whole, slots, width, columns, reach)
+    given = image.reshape(-1)
+    line = np.empty(width, np.float32)
+    ring = np.empty(at_once * 3 * width, np.float32)
     for sweep in range(0, steps, at_once):
         count = min(at_once, steps - sweep)
         grown = (steps - 1 - sweep) * reach
@@ -276,26 +368,17 @@ def run_steps(turning: Image, image: Image, window: Window, steps: int, at_once:
                 top, bottom = max(0, window[0] - grown), min(rows, window[1] + grown)
                 if row < top or row >= bottom:
                     continue
-                left, right = max(0, window[2] - grown), min(columns, window[3] + grown)
-                start, stop = reach + left, reach + right
+                start = reach + max(0, window[2] - grown)
+                stop = reach + min(columns, window[3] + grown)
                 offset = slots * steps - step * drift
-                above = _row(turning, missing, row - 1, rows, offset)[start - 1 : stop + 1]
-                centre = _row(turning, missing, row, rows, offset)[start - 1 : stop + 1]
-                below = _row(turning, missing, row + 1, rows, offset)[start - 1 : stop + 1]
-                result = turning[(row + offset - drift) % slots, start:stop]
+                own = behind * 3 * width
                 if terms.model == CURVATURE:
-                    ring = rings[behind]
                     for near in range(row - 1 if row == top else row + 1, row + 2):
-                        _smooth_row(
-                            ring[near % 3], line, turning, missing, terms.weights, near, rows, offset,
-                            start - 1, stop + 1,
-                        )  # fmt: skip
-                    s0 = ring[(row - 1) % 3, start - 1 : stop + 1]
-                    s1 = ring[row % 3, start - 1 : stop + 1]
-                    s2 = ring[(row + 1) % 3, start - 1 : stop + 1]
-                    _curvature_row(result, above, centre, below, s0, s1, s2, image[row, left:right], terms)
-                elif terms.model == _EXPONENTIAL:
-                    _exponential_row(result, above, centre, below, terms)
-                else:
-                    _rational_row(result, above, centre, below, terms)
+                        to = own + near % 3 * width
+                        _smooth_row(ring, to, line, u, terms.weights, near, offset, start - 1, stop + 1)
+                to = (row + offset - drift) % slots * width
+                first, last = _whole_span(u, row, 1, start, stop)
+                _step_span(u, to, ring, own, given, row, offset, start, first, terms, True)
+                _step_span(u, to, ring, own, given, row, offset, first, last, terms, None)
+                _step_span(u, to, ring, own, given, row, offset, last, stop, terms, True)
     return (slots - drift) * steps % slots
