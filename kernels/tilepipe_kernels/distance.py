@@ -74,7 +74,7 @@ def distance_squared(mask: NDArray[Any], cap: int) -> NDArray[np.int32]:
         For a mask that is no 2-D array of bool or integers, or a cap outside 1 .. 16000.
     """
     cap = checked_cap(cap)
-    vertical = _column_offsets(mask_bytes(mask), np.int16(cap + 1))
+    vertical = column_offsets(mask_bytes(mask), np.int16(cap + 1))
     squared = np.zeros(vertical.shape, np.int32)
     _row_distances(vertical, cap, squared)
     return squared
@@ -98,7 +98,7 @@ def nearest_background(mask: NDArray[Any], cap: int) -> tuple[NDArray[np.int32],
         beyond the cap.
     """
     cap = checked_cap(cap)
-    vertical = _column_offsets(mask_bytes(mask), np.int16(cap + 1))
+    vertical = column_offsets(mask_bytes(mask), np.int16(cap + 1))
     squared = np.zeros(vertical.shape, np.int32)
     row_offset = np.zeros(vertical.shape, np.int16)
     column_offset = np.zeros(vertical.shape, np.int16)
@@ -107,7 +107,7 @@ def nearest_background(mask: NDArray[Any], cap: int) -> tuple[NDArray[np.int32],
 
 
 @loop
-def _column_offsets(mask: NDArray[np.uint8], far: np.int16) -> NDArray[np.int16]:
+def column_offsets(mask: NDArray[np.uint8], far: np.int16) -> NDArray[np.int16]:
     """Row offset to the nearest background in the pixel's column, the upper one of two; ±far if beyond."""
     rows, columns = mask.shape
     offsets = np.empty((rows, columns), np.int16)

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe_kernels.distance import nearest_background
+from tilepipe_kernels.compiled import loop
+from tilepipe_kernels.distance import checked_cap, column_offsets, mask_bytes
 
 
 def halo(reach: int) -> int:
@@ -43,7 +44,25 @@ def fill_voids(block: NDArray[Any], reach: int) -> NDArray[np.float32]:
     void = np.isnan(values)
     if reach == 0 or not void.any():
         return values
-    squared, row_offset, column_offset = nearest_background(void, reach)
-    rows, columns = np.nonzero(void & (squared <= reach * reach))
-    values[rows, columns] = values[rows + row_offset[rows, columns], columns + column_offset[rows, columns]]
+    vertical = column_offsets(mask_bytes(void), np.int16(checked_cap(reach) + 1))
+    _fill(values, vertical, reach)
     return values
+
+
+@loop
+def _fill(values: NDArray[np.float32], vertical: NDArray[np.int16], reach: int) -> None:
+    """Look along the row of each void for the nearest value, whose row each column knows; nothing else is read."""
+    rows, columns = values.shape
+    for i in range(rows):
+        offsets = vertical[i]
+        for j in range(columns):
+            if offsets[j] == 0:
+                continue
+            best, row, column = reach * reach + 1, 0, 0
+            for x in range(max(0, j - reach), min(columns, j + reach + 1)):
+                down, across = np.int64(offsets[x]), x - j
+                squared = down * down + across * across
+                if squared < best or (squared == best and (down, across) < (row, column)):
+                    best, row, column = squared, down, across
+            if best <= reach * reach:
+                values[i, j] = values[i + row, j + column]

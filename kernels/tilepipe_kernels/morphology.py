@@ -75,9 +75,10 @@ def fill_specks(mask: NDArray[Any], size: int) -> NDArray[np.bool_]:
     """
     if size < 1:
         raise ValueError(f"size must be 1 pixel or more, not {size}")
-    labels = np.empty(np.shape(mask), np.int32)
-    count = ndimage.label(mask_bytes(mask) == 0, output=labels)
-    return _small_or_masked(labels, count, size)
+    filled = mask_bytes(mask).copy()
+    if filled.size:
+        _fill_specks(filled, size)
+    return filled.view(np.bool_)
 
 
 def grey_halo(half_width: int) -> int:
@@ -155,24 +156,41 @@ def _dilate(mask: NDArray[np.uint8], half_widths: NDArray[np.int64], dilated: ND
 
 
 @loop
-def _small_or_masked(labels: NDArray[np.int32], count: int, size: int) -> NDArray[np.bool_]:
-    """Foreground (label 0), or a part off the border whose bounding box is at most `size` wide and high."""
-    rows, columns = labels.shape
-    top, bottom = np.full(count + 1, rows, np.int32), np.full(count + 1, -1, np.int32)
-    left, right = np.full(count + 1, columns, np.int32), np.full(count + 1, -1, np.int32)
-    for i in range(rows):
-        for j in range(columns):
-            part = labels[i, j]
-            if part != 0:
-                top[part] = min(top[part], i)
-                bottom[part] = max(bottom[part], i)
-                left[part] = min(left[part], j)
-                right[part] = max(right[part], j)
-    filled = np.ones((rows, columns), np.bool_)
-    for i in range(rows):
-        for j in range(columns):
-            k = labels[i, j]
-            if k != 0:
-                inside = top[k] > 0 and left[k] > 0 and bottom[k] < rows - 1 and right[k] < columns - 1
-                filled[i, j] = inside and bottom[k] - top[k] < size and right[k] - left[k] < size
-    return filled
+def _fill_specks(mask: NDArray[np.uint8], size: int) -> None:
+    """Flood every hole from its first pixel, within the square that it must fit in."""
+    rows, columns = mask.shape
+    seen = np.zeros((size, 2 * size - 1), np.uint8)
+    pixels = np.empty((seen.size, 2), np.int64)
+    for i in range(1, rows - 1):
+        for j in range(1, columns - 1):
+            if mask[i, j] == 0 and mask[i - 1, j] != 0 and mask[i, j - 1] != 0:
+                for k in range(_flood(mask, i, j, size, seen, pixels)):
+                    mask[pixels[k, 0], pixels[k, 1]] = 1
+
+
+@loop
+def _flood(
+    mask: NDArray[np.uint8], row: int, column: int, size: int, seen: NDArray[np.uint8], pixels: NDArray[np.int64]
+) -> int:
+    """Collect the background around its first pixel in row-major order; 0 if it is not that or does not fit."""
+    rows, columns = mask.shape
+    seen[:] = 0
+    seen[0, size - 1] = 1
+    pixels[0, 0], pixels[0, 1] = row, column
+    found, done, left, right = 1, 0, column, column
+    while done < found:
+        i, j = pixels[done, 0], pixels[done, 1]
+        done += 1
+        left, right = min(left, j), max(right, j)
+        if right - left >= size or i == 0 or j == 0 or i == rows - 1 or j == columns - 1:
+            return 0
+        for down, across in ((-1, 0), (0, -1), (0, 1), (1, 0)):
+            y, x = i + down, j + across
+            if mask[y, x] == 0:
+                if y < row or y - row >= size or abs(x - column) >= size:
+                    return 0
+                if seen[y - row, x - column + size - 1] == 0:
+                    seen[y - row, x - column + size - 1] = 1
+                    pixels[found, 0], pixels[found, 1] = y, x
+                    found += 1
+    return found
