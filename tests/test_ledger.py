@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tilepipe.ledger import Ledger, checksum, pack, unpack, write_whole
+from tilepipe.ledger import Ledger, checksum, layout, pack, write_whole
 
 
 def test_facts_come_back(tmp_path):
@@ -26,12 +26,12 @@ def test_a_changed_byte_is_noticed(position):
     data = bytearray(pack({"a": np.arange(100)}))
     data[position] ^= 1
     with pytest.raises(ValueError, match="damaged"):
-        unpack(bytes(data))
+        layout(bytes(data))
 
 
 def test_a_short_file_is_noticed():
     with pytest.raises(ValueError, match="damaged"):
-        unpack(pack({"a": np.arange(100)})[:-1])
+        layout(pack({"a": np.arange(100)})[:-1])
 
 
 def test_checksum_sees_value_shape_and_type():

@@ -143,7 +143,9 @@ class ParquetWriter:
             if values.shape != (len(geometry),):
                 raise ValueError(f"column {name!r} has shape {values.shape}, expected ({len(geometry)},)")
             try:
-                arrays.append(pa.array(values, from_pandas=True).cast(self.schema.field(name).type))
+                # a mask instead of from_pandas, which would import pandas
+                missing = np.isnan(values) if values.dtype.kind == "f" else None
+                arrays.append(pa.array(values, mask=missing).cast(self.schema.field(name).type))
             except pa.ArrowException as error:
                 raise ValueError(f"column {name!r} does not fit its declared type: {error}") from error
         arrays.append(pa.array(shapely.to_wkb(geometry, byte_order=1), pa.binary()))

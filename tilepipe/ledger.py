@@ -13,6 +13,7 @@ import os
 import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -50,8 +51,12 @@ def pack(arrays: Mapping[str, NDArray[Any]]) -> bytes:
     return zlib.crc32(body).to_bytes(4, "little") + body
 
 
-def unpack(data: bytes, prefix: str = "") -> Facts:
-    """Named arrays back from `pack`, those whose names begin with ``prefix``.
+Layout = tuple[tuple[str, str, tuple[int, ...], int], ...]
+"""Name, dtype, shape and first byte of each array in a file."""
+
+
+def layout(data: bytes) -> Layout:
+    """Where the arrays of `pack` lie in a file.
 
     Raises
     ------
@@ -61,13 +66,33 @@ def unpack(data: bytes, prefix: str = "") -> Facts:
     if len(data) < 8 or zlib.crc32(memoryview(data)[4:]) != int.from_bytes(data[:4], "little"):
         raise ValueError("damaged or incomplete file")
     start = 8 + int.from_bytes(data[4:8], "little")
-    facts: Facts = {}
+    found = []
     for name, dtype, shape in json.loads(data[8:start]):
-        size = math.prod(shape) * np.dtype(dtype).itemsize
-        if name.startswith(prefix):
-            # a copy, so that the array is aligned and can be written to
-            facts[name] = np.frombuffer(data[start : start + size], dtype).reshape(shape).copy()
-        start += size
+        found.append((name, dtype, tuple(shape), start))
+        start += math.prod(shape) * np.dtype(dtype).itemsize
+    return tuple(found)
+
+
+@lru_cache(maxsize=4096)
+def _checked_layout(path: Path, _modified: int) -> Layout:
+    """Layout of a file; its checksum is verified once per process."""
+    return layout(path.read_bytes())
+
+
+def read_packed(path: Path, prefix: str = "") -> Facts:
+    """Arrays of a file whose names begin with ``prefix``.
+
+    Raises
+    ------
+    ValueError
+        When the file is damaged or cut short.
+    """
+    facts: Facts = {}
+    wanted = [entry for entry in _checked_layout(path, path.stat().st_mtime_ns) if entry[0].startswith(prefix)]
+    with path.open("rb") as file:
+        for name, dtype, shape, start in wanted:
+            file.seek(start)
+            facts[name] = np.fromfile(file, dtype, math.prod(shape)).reshape(shape)
     return facts
 
 
@@ -95,7 +120,7 @@ class Ledger:
         FileNotFoundError
             When the tile is not done.
         """
-        return unpack(self.path(tile_name).read_bytes(), prefix)
+        return read_packed(self.path(tile_name), prefix)
 
     def all_facts(self) -> list[Facts]:
         """Facts of all finished tiles in row-major order."""

@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from tilepipe_kernels.gaps import cut_parts, look_ahead, match_greedily, points_behind
 from tilepipe_kernels.graph import count_steps
@@ -111,6 +110,9 @@ def _find_tips(graph: Graph, chains: Chains, load_tile: LoadTile, gap: float, st
 
 def _facing(tips: _Tips, gap: float, angle: float) -> tuple[Int64, NDArray[np.float64]]:
     """Pairs of tips in each other's cones, shape (m, 2), the lower tip first; and their cost."""
+    # imported late, like everything here that a run needs only at its end
+    from scipy.spatial import cKDTree
+
     place, ahead = tips.facts[:, :2], tips.facts[:, 2:4]
     pairs = cKDTree(place).query_pairs(gap + 0.5, output_type="ndarray").astype(np.int64)
     pairs = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]

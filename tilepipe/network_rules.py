@@ -11,10 +11,9 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from .network_graph import Bool, Graph, Int64, canonical, dissolve, keep
+from .reconcile import unite
 
 OnBorder = Callable[[Int64], Bool]
 
@@ -74,7 +73,7 @@ def contract(graph: Graph, distance: float) -> Graph:
     if not short.any():
         return graph
     ends = index.reshape(-1, 2)
-    _, label = connected_components(_adjacency(ends[short], len(nodes)), directed=False)
+    label = unite(len(nodes), ends[short])
     _, lowest, size = np.unique(label, return_index=True, return_counts=True)
     node = nodes[lowest][label]
     points = np.add.reduceat(graph.part_stop - graph.part_start, graph.offsets[:-1])
@@ -155,13 +154,8 @@ def drop_short_components(graph: Graph, minimum: float) -> Graph:
     return keep(graph, total[component] >= minimum)
 
 
-def _adjacency(ends: Int64, nodes: int) -> coo_array:
-    return coo_array((np.ones(len(ends), np.int8), (ends[:, 0], ends[:, 1])), shape=(nodes, nodes))
-
-
-def _components(graph: Graph) -> NDArray[np.int32]:
+def _components(graph: Graph) -> Int64:
     """Component label of each edge; labels only tell components apart."""
     nodes, _, index = graph.degrees()
     ends = index.reshape(-1, 2)
-    _, label = connected_components(_adjacency(ends, len(nodes)), directed=False)
-    return label[ends[:, 0]]  # type: ignore[no-any-return]
+    return unite(len(nodes), ends)[ends[:, 0]]

@@ -71,7 +71,7 @@ def present(value: np.float32, centre: np.float32, gaps: Gaps) -> np.float32:
 
 @rule
 def edge_strength(smooth_across: np.float32, smooth_down: np.float32, conductance: np.float32) -> np.float32:
-    """k |∇(G_σ * u)|² from twice the central differences of G_σ * u; the edge-stopping g is 1 / (1 + it)."""
+    """Strength k |∇(G_σ * u)|² of an edge, from twice the central differences of G_σ * u: g = 1 / (1 + it)."""
     return conductance * (_QUARTER * (smooth_across * smooth_across + smooth_down * smooth_down))
 
 
@@ -381,4 +381,5 @@ def run_steps(
                 _step_span(u, to, ring, own, given, row, offset, start, first, terms, True)
                 _step_span(u, to, ring, own, given, row, offset, first, last, terms, None)
                 _step_span(u, to, ring, own, given, row, offset, last, stop, terms, True)
-    return (slots - drift) * steps % slots
+    first: int = (slots - drift) * steps % slots
+    return first

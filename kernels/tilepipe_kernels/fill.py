@@ -58,7 +58,7 @@ def _fill(values: NDArray[np.float32], vertical: NDArray[np.int16], reach: int) 
         for j in range(columns):
             if offsets[j] == 0:
                 continue
-            best, row, column = reach * reach + 1, 0, 0
+            best, row, column = np.int64(reach * reach + 1), np.int64(0), 0
             for x in range(max(0, j - reach), min(columns, j + reach + 1)):
                 down, across = np.int64(offsets[x]), x - j
                 squared = down * down + across * across

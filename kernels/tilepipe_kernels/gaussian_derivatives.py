@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from .compiled import loop
 from .gaussian_passes import (
@@ -97,6 +96,8 @@ def fill_nodata(block: Floats, sigma: float) -> tuple[Floats, NDArray[np.bool_] 
     valid = np.isfinite(block)
     if valid.all():
         return block, None
+    from scipy import ndimage  # a tenth of a second that most runs need not spend
+
     half = gaussian_taps(sigma).smooth.astype(np.float64)
     kernel = np.concatenate([half[:0:-1], half])
 

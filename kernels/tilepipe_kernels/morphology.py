@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from .compiled import loop
 from .distance import mask_bytes
@@ -113,6 +112,8 @@ def open_grey(block: NDArray[Any], half_width: int) -> NDArray[np.float32]:
         raise ValueError(
             f"opening needs a two-dimensional block and half_width >= 0, not {values.ndim} and {half_width}"
         )
+    from scipy import ndimage  # a tenth of a second that most runs need not spend
+
     size, missing = 2 * half_width + 1, np.isnan(values)
     lowest = ndimage.minimum_filter(np.where(missing, np.float32(np.inf), values), size, mode="nearest")
     opened = ndimage.maximum_filter(np.where(np.isinf(lowest), -lowest, lowest), size, mode="nearest")
