@@ -381,5 +381,5 @@ def run_steps(
                 _step_span(u, to, ring, own, given, row, offset, start, first, terms, True)
                 _step_span(u, to, ring, own, given, row, offset, first, last, terms, None)
                 _step_span(u, to, ring, own, given, row, offset, last, stop, terms, True)
-    first: int = (slots - drift) * steps % slots
-    return first
+    slot: int = (slots - drift) * steps % slots
+    return slot
