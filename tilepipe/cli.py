@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal, NoReturn
 import typer
 
 from tilepipe import __version__
+from tilepipe.allocator import keep_freed_memory
 from tilepipe.errors import InputError, TileError
 
 app = typer.Typer(
@@ -322,6 +323,7 @@ def city(
 
 def main() -> None:
     """Entry point: errors become one line and an exit code."""
+    keep_freed_memory()
     try:
         app()
     except (InputError, TileError) as error:

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, Protocol, TypeVar
 
+from tilepipe.allocator import keep_freed_memory
 from tilepipe.errors import InputError
 
 Item = TypeVar("Item")
@@ -130,7 +131,7 @@ def open_executor(kind: str, workers: int) -> Iterator[Executor]:
             pool.shutdown(wait=True, cancel_futures=True)
     elif kind == "processes":
         context = multiprocessing.get_context("spawn")
-        with concurrent.futures.ProcessPoolExecutor(workers, mp_context=context) as processes:
+        with concurrent.futures.ProcessPoolExecutor(workers, context, keep_freed_memory) as processes:
             yield PoolExecutor(processes, workers)
     elif "://" in kind:
         yield from _open_cluster(kind)

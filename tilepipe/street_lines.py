@@ -192,7 +192,7 @@ def _medial_axis(
         origin=tile.padded.origin,
     )
     links = skeleton.skeleton_links(axis)
-    row, col = np.nonzero(links)
+    row, col = np.nonzero(links != 0)
     zero = np.zeros(row.size, np.float32)
     contrast = np.float32(context.scale.bright) - image[row, col]
     values = {

@@ -14,15 +14,22 @@ from .gaussian_passes import (
     STRIP,
     Floats,
     Taps,
+    around_row,
     cell_derivatives,
     fill_strip,
     gaussian_taps,
     kernel_radius,
-    load_row,
     smooth_cell,
     smooth_row,
     strip_buffer,
 )
+
+
+@loop
+def _copy(given: Floats, into: Floats) -> None:
+    """The first values; the assignment of a slice costs several times as much."""
+    for j in range(into.size):
+        into[j] = given[j]
 
 
 @loop
@@ -39,8 +46,7 @@ def _derivatives_strip(block: Floats, column: int, taps: Taps, buffers: Floats, 
         cell_derivatives(buffers, row, taps, cell)
         for slot, image in enumerate((1, 4, 0, 3, 2)):
             for i in range(min(CELL_ROWS, rows - row)):
-                at = slot * CELL + i * STRIP
-                images[image, row + i, column : column + width] = cell[at : at + width]
+                _copy(cell[slot * CELL + i * STRIP :], images[image, row + i, column : column + width])
 
 
 @loop
@@ -57,12 +63,12 @@ def _smooth_strip(
         if active[row // CELL_ROWS] == 0:
             continue
         for source in range(max(done, row - radius), row + CELL_ROWS + radius):
-            load_row(block, source, column, radius, padded)
-            smooth_row(padded, smooth, buffer[(source + radius) * STRIP :])
+            around = around_row(block, source, column, radius, padded)
+            smooth_row(around, smooth, buffer[(source + radius) * STRIP :])
         done = row + CELL_ROWS + radius
         smooth_cell(buffer, (row + radius) * STRIP, smooth, cell)
         for i in range(min(CELL_ROWS, rows - row)):
-            image[row + i, column : column + width] = cell[i * STRIP : i * STRIP + width]
+            _copy(cell[i * STRIP :], image[row + i, column : column + width])
 
 
 def as_block(block: NDArray[Any]) -> Floats:

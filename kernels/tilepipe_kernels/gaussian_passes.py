@@ -90,20 +90,16 @@ def _four(kernel: Floats, k: int) -> Four:
 
 
 @loop
-def load_row(block: Floats, row: int, column: int, radius: int, padded: Floats) -> None:
-    """Copy ``STRIP + 2 radius`` pixels around a strip's row, replicating the border pixels of the block."""
+def around_row(block: Floats, row: int, column: int, radius: int, padded: Floats) -> Floats:
+    """``STRIP + 2 radius`` pixels around a strip's row; border pixels of the block are replicated in ``padded``."""
     rows, columns = block.shape
-    source = block[min(max(row, 0), rows - 1)]
+    row = min(max(row, 0), rows - 1)
     begin = column - radius
-    low, high = max(begin, 0), min(begin + padded.size, columns)
-    for index in range(low - begin):
-        padded[index] = source[0]
-    inside = source[low:high]
-    target = padded[low - begin :]
-    for index in range(high - low):
-        target[index] = inside[index]
-    for index in range(high - begin, padded.size):
-        padded[index] = source[columns - 1]
+    if begin >= 0 and begin + padded.size <= columns:
+        return block[row, begin : begin + padded.size]
+    for index in range(padded.size):
+        padded[index] = block[row, min(max(begin + index, 0), columns - 1)]
+    return padded
 
 
 # All passes below take four taps a sweep, so that one load and store of the sums serves four taps; in `up`
@@ -237,9 +233,9 @@ def fill_strip(block: Floats, column: int, taps: Taps, begin: int, end: int, buf
     radius = taps.smooth.size - 1
     padded = np.empty(STRIP + 2 * radius, np.float32)
     for row in range(begin, end):
-        load_row(block, row, column, radius, padded)
         at = (row + radius) * STRIP
-        _row_pass(padded, taps, buffers[0, at:], buffers[1, at:], buffers[2, at:])
+        around = around_row(block, row, column, radius, padded)
+        _row_pass(around, taps, buffers[0, at:], buffers[1, at:], buffers[2, at:])
 
 
 @loop
