@@ -14,6 +14,8 @@ from tilepipe_kernels import gridding
 from tilepipe_kernels.point_tiles import sort_by_tile, subcells
 
 CELL, SCALE = 0.5, 0.001
+CHUNK = 500_000
+"""Points dealt out to tiles at once, as `tilepipe grid` does."""
 REACH = 3.0
 """In cells; of 1,000 random cells without a point fewer than one is farther from the next point."""
 
@@ -58,15 +60,17 @@ def _ours(size: int, method: gridding.Method) -> Call:
     side = 1 << max(1, (size // 2 - 1).bit_length())
     tiles = -(-size // side)
 
+    def dealt(start: int) -> tuple[NDArray[Any], NDArray[np.int64]]:
+        rows, columns = (subcells(raw[start : start + CHUNK], SCALE, 0.0, CELL) for raw in (y, x))
+        values = z[start : start + CHUNK]
+        return sort_by_tile(rows, columns, values, origin=(0, 0), tiles=(tiles, tiles), side=side, margin=margin)
+
     def run(workers: int) -> Any:
         with ThreadPoolExecutor(workers) as pool:
-            rows, columns = pool.map(lambda raw: subcells(raw, SCALE, 0.0, CELL), (y, x))
-            points, starts = sort_by_tile(
-                rows, columns, z, origin=(0, 0), tiles=(tiles, tiles), side=side, margin=margin
-            )
+            chunks = list(pool.map(dealt, range(0, size**2, CHUNK)))
 
             def tile(number: int) -> NDArray[np.float64]:
-                own = points[starts[number] : starts[number + 1]]
+                own = np.concatenate([points[starts[number] : starts[number + 1]] for points, starts in chunks])
                 return gridding.grid_points(own, (side, side), method=method, reach=REACH)
 
             return list(pool.map(tile, range(tiles**2)))

@@ -63,6 +63,10 @@ class Cloud:
     vertical_unit: str | None
 
 
+Chunk = tuple[int, NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]
+"""Points read, and of those that count x, y and value; see `read_points`."""
+
+
 @dataclass(frozen=True)
 class PointFilter:
     """Which points count: withheld points never; ``classes`` None means all but noise (7 and 18)."""
@@ -261,7 +265,7 @@ def value_quantum(clouds: Sequence[Cloud], value: Value) -> float:
 
 def read_points(
     cloud: Cloud, value: Value, quantum: float, point_filter: PointFilter, chunk_points: int, parallel: bool
-) -> Iterator[tuple[int, NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]]:
+) -> Iterator[Chunk]:
     """Read a cloud in chunks.
 
     Yields

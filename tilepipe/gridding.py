@@ -7,11 +7,11 @@ import os
 import tempfile
 import zlib
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, TypeVar, get_args
 
 import numpy as np
 import rasterio
@@ -20,18 +20,20 @@ from numpy.typing import NDArray
 from pyproj import CRS
 from rasterio.errors import RasterioError
 
-from tilepipe.cloud import PointFilter, Returns, Value, find_clouds, read_points
+from tilepipe.cloud import Chunk, Cloud, PointFilter, Returns, Value, find_clouds, read_points
 from tilepipe.errors import InputError
 from tilepipe.gridding_plan import GridPlan, plan_grid
 from tilepipe_kernels.gridding import Method, grid_points
 from tilepipe_kernels.point_tiles import POINT, sort_by_tile, subcells
 
 Progress = Callable[[str, int, int], None]
+Item = TypeVar("Item")
+Result = TypeVar("Result")
 
 _BLOCK = 512
 _BASE_MEMORY = 256 << 20
 _GDAL_CACHE = 64 << 20
-_CHUNK_BYTES_PER_POINT = 160
+_READ_BYTES_PER_POINT, _DEALT_BYTES_PER_POINT = 100, 60
 
 
 def grid_clouds(
@@ -110,12 +112,13 @@ def grid_clouds(
     if returns not in get_args(Returns):
         raise InputError(f"unknown returns {returns!r}; choose one of {', '.join(get_args(Returns))}")
     point_filter = PointFilter(None if classes is None else tuple(classes), returns)
-    free = memory - _BASE_MEMORY - chunk_points * _CHUNK_BYTES_PER_POINT
+    in_flight = _READ_BYTES_PER_POINT + (workers + 1) * _DEALT_BYTES_PER_POINT
+    free = memory - _BASE_MEMORY - chunk_points * in_flight
     paths = find_clouds(clouds)
     plan = plan_grid(paths, resolution, value, method, void_reach, idw_radius, crs, free // workers)
     try:
         with tempfile.TemporaryDirectory(prefix=f".{out.name}.", dir=out.parent) as scratch:
-            counts = _deal(plan, Path(scratch), point_filter, chunk_points, workers > 1, progress)
+            counts = _deal(plan, Path(scratch), point_filter, chunk_points, workers, progress)
             most = plan.tile_memory(max(counts.values()))
             if most > free:
                 needed = (memory - free + most) / (1 << 20)
@@ -133,23 +136,15 @@ def _deal(
     scratch: Path,
     point_filter: PointFilter,
     chunk_points: int,
-    parallel: bool,
+    workers: int,
     progress: Progress | None,
 ) -> dict[int, int]:
     """Append every point to the file of each tile that needs it; return the number of points by tile."""
     counts: dict[int, int] = {}
     done, total = 0, sum(cloud.points for cloud in plan.clouds)
     for cloud in plan.clouds:
-        for read, x, y, values in read_points(cloud, plan.value, plan.quantum, point_filter, chunk_points, parallel):
-            points, starts = sort_by_tile(
-                subcells(y, cloud.scales[1], cloud.offsets[1], -plan.cell),
-                subcells(x, cloud.scales[0], cloud.offsets[0], plan.cell),
-                values,
-                origin=plan.origin,
-                tiles=plan.tiles,
-                side=plan.side,
-                margin=plan.margin,
-            )
+        chunks = read_points(cloud, plan.value, plan.quantum, point_filter, chunk_points, workers > 1)
+        for (read, *_), (points, starts) in _in_order(partial(_sorted_chunk, plan, cloud), chunks, workers):
             for tile in np.flatnonzero(np.diff(starts)).tolist():
                 with open(scratch / f"{tile}.points", "ab") as file:
                     file.write(points[starts[tile] : starts[tile + 1]].data)
@@ -162,6 +157,19 @@ def _deal(
     return counts
 
 
+def _sorted_chunk(plan: GridPlan, cloud: Cloud, chunk: Chunk) -> tuple[NDArray[Any], NDArray[np.int64]]:
+    _, x, y, values = chunk
+    return sort_by_tile(
+        subcells(y, cloud.scales[1], cloud.offsets[1], -plan.cell),
+        subcells(x, cloud.scales[0], cloud.offsets[0], plan.cell),
+        values,
+        origin=plan.origin,
+        tiles=plan.tiles,
+        side=plan.side,
+        margin=plan.margin,
+    )
+
+
 def _grid_tile(plan: GridPlan, scratch: Path, tile: int) -> NDArray[np.float32]:
     path = scratch / f"{tile}.points"
     points = np.fromfile(path, POINT)
@@ -171,18 +179,17 @@ def _grid_tile(plan: GridPlan, scratch: Path, tile: int) -> NDArray[np.float32]:
     return ticks.astype(np.float32)
 
 
-def _in_order(
-    function: Callable[[int], NDArray[Any]], tiles: Sequence[int], workers: int
-) -> Iterator[tuple[int, NDArray[Any]]]:
-    """Results in the order of the tiles, with at most one more than ``workers`` computed or waiting."""
-    waiting: deque[tuple[int, Future[NDArray[Any]]]] = deque()
+def _in_order(function: Callable[[Item], Result], items: Iterable[Item], workers: int) -> Iterator[tuple[Item, Result]]:
+    """Results in the order of the items, with at most one more than ``workers`` computed or waiting."""
+    waiting: deque[tuple[Item, Future[Result]]] = deque()
     with ThreadPoolExecutor(workers) as pool:
-        for tile in tiles:
+        for item in items:
             if len(waiting) > workers:
                 first, future = waiting.popleft()
                 yield first, future.result()
-            waiting.append((tile, pool.submit(function, tile)))
-        for first, future in waiting:
+            waiting.append((item, pool.submit(function, item)))
+        while waiting:
+            first, future = waiting.popleft()
             yield first, future.result()
 
 

@@ -19,8 +19,8 @@ SUBCELLS = 1 << 16
 POINT = np.dtype([("row", "<u2"), ("column", "<u2"), ("y", "<u2"), ("x", "<u2"), ("value", "<i4")])
 """A point in a tile: its cell, counted from the tile's padded corner; its subcell; its value in ticks."""
 
-MAXIMUM_SIDE = 1 << 16
-"""Of a padded tile, in cells."""
+MAXIMUM_SIDE = 1 << 15
+"""Of a padded tile, in cells: two coordinates in subcells fit in 64 bits."""
 
 
 @rule
@@ -59,47 +59,60 @@ def subcells(raw: NDArray[Any], scale: float, offset: float, cell: float) -> NDA
     return result
 
 
+@rule
+def _tiles_of(cell: int, margin: int, bits: int, tiles: int) -> tuple[int, int]:
+    """First and last tile, along one axis, whose padded window holds a cell; none if the last is less."""
+    return max(0, (cell - margin) >> bits), min(tiles - 1, (cell + margin) >> bits)
+
+
 @loop
 def _count_by_tile(
-    rows: NDArray[np.int64],
-    columns: NDArray[np.int64],
-    origin: tuple[int, int],
-    tiles: tuple[int, int],
-    bits: int,
-    margin: int,
-    starts: NDArray[np.int64],
-) -> None:
+    rows: NDArray[np.int64], columns: NDArray[np.int64], origin: tuple[int, int], tiles: tuple[int, int],
+    bits: int, margin: int, starts: NDArray[np.int64],
+) -> None:  # fmt: skip
     for i in range(rows.size):
-        row, column = (rows[i] >> 16) - origin[0], (columns[i] >> 16) - origin[1]
-        for tile_row in range(max(0, (row - margin) >> bits), min(tiles[0], ((row + margin) >> bits) + 1)):
-            for tile_column in range(max(0, (column - margin) >> bits), min(tiles[1], ((column + margin) >> bits) + 1)):
+        top, bottom = _tiles_of((rows[i] >> 16) - origin[0], margin, bits, tiles[0])
+        left, right = _tiles_of((columns[i] >> 16) - origin[1], margin, bits, tiles[1])
+        if top == bottom and left == right:
+            starts[top * tiles[1] + left + 1] += 1
+            continue
+        for tile_row in range(top, bottom + 1):
+            for tile_column in range(left, right + 1):
                 starts[tile_row * tiles[1] + tile_column + 1] += 1
 
 
 @loop
+def _next(cursors: NDArray[np.int64], tile: int) -> int:
+    at: int = cursors[tile]
+    cursors[tile] = at + 1
+    return at
+
+
+@loop
+def _put(point: Any, row: int, column: int, y: np.uint16, x: np.uint16, value: np.int32) -> None:
+    point.row, point.column, point.y, point.x, point.value = row, column, y, x, value
+
+
+@loop
 def _sort_by_tile(
-    rows: NDArray[np.int64],
-    columns: NDArray[np.int64],
-    values: NDArray[np.int32],
-    origin: tuple[int, int],
-    tiles: tuple[int, int],
-    bits: int,
-    margin: int,
-    cursors: NDArray[np.int64],
-    result: NDArray[Any],
-) -> None:
+    rows: NDArray[np.int64], columns: NDArray[np.int64], values: NDArray[np.int32], origin: tuple[int, int],
+    tiles: tuple[int, int], bits: int, margin: int, cursors: NDArray[np.int64], result: NDArray[Any],
+) -> None:  # fmt: skip
     for i in range(rows.size):
         row, column = (rows[i] >> 16) - origin[0], (columns[i] >> 16) - origin[1]
-        for tile_row in range(max(0, (row - margin) >> bits), min(tiles[0], ((row + margin) >> bits) + 1)):
-            for tile_column in range(max(0, (column - margin) >> bits), min(tiles[1], ((column + margin) >> bits) + 1)):
-                tile = tile_row * tiles[1] + tile_column
-                point = result[cursors[tile]]
-                point.row = row - (tile_row << bits) + margin
-                point.column = column - (tile_column << bits) + margin
-                point.y = rows[i] & (SUBCELLS - 1)
-                point.x = columns[i] & (SUBCELLS - 1)
-                point.value = values[i]
-                cursors[tile] += 1
+        top, bottom = _tiles_of(row, margin, bits, tiles[0])
+        left, right = _tiles_of(column, margin, bits, tiles[1])
+        y, x = np.uint16(rows[i] & (SUBCELLS - 1)), np.uint16(columns[i] & (SUBCELLS - 1))
+        # nearly every point lies in one tile, and empty loops around it would double its cost
+        if top == bottom and left == right:
+            at = _next(cursors, top * tiles[1] + left)
+            _put(result[at], row - (top << bits) + margin, column - (left << bits) + margin, y, x, values[i])
+            continue
+        for tile_row in range(top, bottom + 1):
+            for tile_column in range(left, right + 1):
+                at = _next(cursors, tile_row * tiles[1] + tile_column)
+                own_row, own_column = row - (tile_row << bits) + margin, column - (tile_column << bits) + margin
+                _put(result[at], own_row, own_column, y, x, values[i])
 
 
 def sort_by_tile(
@@ -137,7 +150,7 @@ def sort_by_tile(
     Raises
     ------
     ValueError
-        If the side is not a power of two, or a padded tile is wider than 65,536 cells.
+        If the side is not a power of two, or a padded tile is wider than 32,768 cells.
     """
     if side < 1 or side & (side - 1):
         raise ValueError(f"the side of a tile must be a power of two, not {side}")
