@@ -6,12 +6,13 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from benchmarks.harness import share_one_heap
+from tilepipe.allocator import keep_freed_memory
 
 
 def main() -> None:
     """Parse the arguments and run."""
-    share_one_heap()
+    # as the command line does; one heap for all threads also lets the harness see what a call needs
+    keep_freed_memory()
     parser = argparse.ArgumentParser(prog="bench", description="Speed and quality beside the named peers.")
     commands = parser.add_subparsers(dest="command", required=True)
     kernels = commands.add_parser("kernels", help="each kernel and the engine beside their peers")

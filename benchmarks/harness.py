@@ -5,7 +5,6 @@ All contestants of a case take turns, round by round, so that a change of the ma
 
 from __future__ import annotations
 
-import contextlib
 import ctypes
 import gc
 import statistics
@@ -14,9 +13,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
-
-_ARENA_MAX = -8
-"""Option of glibc's mallopt."""
 
 Call = Callable[[int], Any]
 """Does the work once with so many threads; returns the result."""
@@ -163,15 +159,6 @@ def _seconds(call: Call, workers: int) -> float:
     seconds = time.perf_counter() - start
     del result
     return seconds
-
-
-def share_one_heap() -> None:
-    """Let all threads allocate from one heap, so that `measure` can see what a call needs; call it before any import.
-
-    Of the heaps that glibc gives to threads it never returns the last part, so calls would find memory at hand.
-    """
-    with contextlib.suppress(OSError, AttributeError):
-        ctypes.CDLL(None).mallopt(_ARENA_MAX, 1)
 
 
 def _peak_memory(call: Call, workers: int) -> int | None:
