@@ -21,7 +21,7 @@ from tilepipe.executors import Executor
 from tilepipe.grid import Tile, TileGrid, Window
 from tilepipe.ledger import Facts, Ledger, checksum
 
-_CHUNK = 512
+_CHUNK = 1024
 """Largest chunk of a state array, in pixels: small enough that halos cost little to read."""
 
 
