@@ -41,7 +41,7 @@ class StreetParameters(BaseModel):
         description="grey levels per pixel that make an edge; none = 0.6 of the raster's noise, at least 4",
     )
     gradient_sigma: float = Field(0.5, ge=0, le=50, description="Gaussian of the gradient (σ, m)")
-    fidelity: float = Field(0.7, ge=0, le=1, description="pull towards the input at edges (λ)")
+    fidelity: float = Field(1.0, ge=0, le=1, description="pull towards the input at edges (λ)")
 
     # region growing
     rectangle_rows: int = Field(1, ge=1, le=99, description="rows of a rectangle, odd (row)")
