@@ -254,17 +254,39 @@ def _numbers(text: str | None) -> list[int] | None:
 
 @app.command()
 def evaluate(
-    result: Annotated[Path, typer.Argument(help="Table of lines, or the folder of a run.")],
-    truth: Annotated[Path, typer.Argument(help="Table of true lines.")],
-    buffer: Annotated[float, typer.Option(help="Width of the buffer on each side (m).")] = 3.0,
+    result: Annotated[Path, typer.Argument(help="Table of lines or polygons, or the folder of a run.")],
+    truth: Annotated[Path, typer.Argument(help="Table of true lines or polygons.")],
+    buffer: Annotated[float, typer.Option(help="Farthest match of lines, or of polygons' boundaries (m).")] = 3.0,
     area: Annotated[Path | None, typer.Option(help="Polygon table: score only inside.")] = None,
     direction: Annotated[float | None, typer.Option(help="Largest angle between matching lines (degrees).")] = None,
+    overlap: Annotated[float, typer.Option(help="Polygons: share of an object's area that must match.")] = 0.5,
+    minimum_area: Annotated[float, typer.Option(help="Polygons: score objects from this area also apart (m²).")] = 50.0,
+    step: Annotated[float, typer.Option(help="Polygons: sampling of the boundaries (m).")] = 0.5,
+    dissolve: Annotated[bool, typer.Option("--dissolve", help="Polygons: those that touch are one object.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Machine-readable output.")] = False,
 ) -> None:
-    """Score lines against a truth: completeness, correctness, quality, RMS (Heipke et al. 1997)."""
-    from tilepipe.evaluate import evaluate
+    """Score lines (Heipke et al. 1997) or polygons (Rutzinger et al. 2009): completeness, correctness, quality, RMS."""
+    from tilepipe.evaluate import LineScore, both_polygons, evaluate
+    from tilepipe.evaluate_areas import AreaScore, evaluate_areas
 
-    score = evaluate(result, truth, buffer, area, direction_tolerance=direction)
+    score: LineScore | AreaScore
+    if both_polygons(result, truth):
+        if direction is not None:
+            raise InputError("--direction is for lines; leave it out for polygons")
+        score = evaluate_areas(
+            result,
+            truth,
+            area,
+            overlap=overlap,
+            minimum_area=minimum_area,
+            cutoff=buffer,
+            step=step,
+            dissolve=dissolve,
+        )
+    else:
+        if dissolve:
+            raise InputError("--dissolve is for polygons; leave it out for lines")
+        score = evaluate(result, truth, buffer, area, direction_tolerance=direction)
     print(json.dumps(score.as_dict()) if as_json else score.summary())
 
 

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 
 LINES = ("LineString", "MultiLineString")
+POLYGONS = ("Polygon", "MultiPolygon")
 
 
 @dataclass(frozen=True)
@@ -185,16 +186,16 @@ def evaluate(
     """
     import shapely
 
-    result = read_vectors(_result_file(Path(result_path)), "result")
+    result = read_vectors(result_file(Path(result_path)), "result")
     metres = metres_per_unit(result.crs, str(result_path))
     truth = read_vectors(Path(truth_path), "truth").to_crs(result.crs)
     area = None
     if area_path is not None:
-        polygons = read_vectors(Path(area_path), "area", ("Polygon", "MultiPolygon")).to_crs(result.crs)
-        area = shapely.union_all(_in_metres(shapely.make_valid(polygons.geometry.to_numpy()), metres))
+        polygons = read_vectors(Path(area_path), "area", POLYGONS).to_crs(result.crs)
+        area = shapely.union_all(in_metres(shapely.make_valid(polygons.geometry.to_numpy()), metres))
     return evaluate_lines(
-        _in_metres(result.geometry.to_numpy(), metres),
-        _in_metres(truth.geometry.to_numpy(), metres),
+        in_metres(result.geometry.to_numpy(), metres),
+        in_metres(truth.geometry.to_numpy(), metres),
         buffer=buffer_m,
         area=area,
         direction_tolerance=direction_tolerance,
@@ -232,14 +233,40 @@ def run_table(folder: Path, name: str) -> Path | None:
     return None
 
 
-def _result_file(path: Path) -> Path:
-    """Return the file itself, or the centerlines of a run's folder."""
+def result_file(path: Path) -> Path:
+    """Return the file itself, or the centerlines, else the objects, of a run's folder.
+
+    Raises
+    ------
+    InputError
+        The folder holds neither.
+    """
     if not path.is_dir():
         return path
-    table = run_table(path, "centerlines")
+    table = run_table(path, "centerlines") or run_table(path, "objects")
     if table is None:
-        raise InputError(f"{path} holds no centerlines.parquet; give the folder of a finished streets run")
+        raise InputError(
+            f"{path} holds no centerlines.parquet and no objects.parquet; give the folder of a finished run"
+        )
     return table
+
+
+def both_polygons(result_path: str | os.PathLike[str], truth_path: str | os.PathLike[str]) -> bool:
+    """Whether two layers are to be scored as polygons, not as lines; an empty layer may be either.
+
+    Raises
+    ------
+    InputError
+        A file is missing or unreadable, or names no CRS; one layer holds polygons and the other does not.
+    """
+    result = read_vectors(result_file(Path(result_path)), "result", LINES + POLYGONS)
+    truth = read_vectors(Path(truth_path), "truth", LINES + POLYGONS)
+    kinds = [set(table.geom_type.dropna()) for table in (result, truth)]
+    found = kinds[0] | kinds[1]
+    if found & set(LINES) and found & set(POLYGONS):
+        both = " and ".join(", ".join(sorted(kind)) for kind in kinds)
+        raise InputError(f"result and truth hold {both}; give two layers of lines, or two of polygons")
+    return bool(found & set(POLYGONS))
 
 
 def read_vectors(path: Path, role: str, types: tuple[str, ...] = LINES) -> GeoDataFrame:
@@ -266,7 +293,8 @@ def read_vectors(path: Path, role: str, types: tuple[str, ...] = LINES) -> GeoDa
     return table
 
 
-def _in_metres(geometry: NDArray[np.object_], metres: float) -> NDArray[np.object_]:
+def in_metres(geometry: NDArray[np.object_], metres: float) -> NDArray[np.object_]:
+    """Geometries without heights, their coordinates multiplied by the length of the unit in metres."""
     import shapely
 
     scaled: NDArray[np.object_] = shapely.transform(shapely.force_2d(geometry), lambda points: points * metres)
