@@ -35,6 +35,12 @@ _GDAL_CACHE = 64
 Record = dict[str, Any]
 
 
+def absolute_name(name: str) -> str:
+    """A path as it can be found from anywhere; the name of an array as it is."""
+    path = Path(name)
+    return str(path.absolute()) if path.exists() else name
+
+
 def write_record(path: Path, record: Mapping[str, Any]) -> None:
     """Write a record as TOML; values that are None are left out and mean the default."""
     import tomli_w

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from tilepipe.grid import Tile, TileGrid, Window
 from tilepipe.ledger import Facts
 from tilepipe.passes import StateArray
+from tilepipe.relabel import read_relabelled
 from tilepipe.street_levels import GreyScale
 from tilepipe.street_parameters import StreetParameters
 from tilepipe_kernels import morphology, ridges, skeleton, tracing
 from tilepipe_kernels.grey_levels import street_image
-from tilepipe_kernels.region_table import select_labels
 
 NODATA = 4294967295
 """Region id of nodata pixels in ``streets.tif``."""
@@ -74,17 +74,11 @@ def halo(parameters: StreetParameters, resolution: float) -> int:
 
 def read_regions(context: LineContext, window: Window) -> NDArray[np.uint32]:
     """Published region ids (0 = none) of a window of pixels, put together from the tiles that it touches."""
-    lookup = np.load(context.lookup, mmap_mode="r")
     rows, columns = context.parameters.rectangle_rows, context.parameters.rectangle_columns
     top, left = window.top // rows, window.left // columns
     coarse = Window(top, left, -(-window.bottom // rows), -(-window.right // columns))
     coarse = coarse.intersection(Window(0, 0, *context.labels.grid.shape))
-    ids = np.empty(coarse.shape, np.uint32)
-    for tile in context.labels.grid.overlapping(coarse):
-        part = tile.core.intersection(coarse)
-        start, stop = context.offsets[tile.number], context.offsets[tile.number + 1]
-        table = np.concatenate([np.zeros(1, np.uint32), lookup[start:stop]])
-        ids[part.relative_to(coarse).slices] = select_labels(context.labels.read(part), table)
+    ids = read_relabelled(context.labels, context.lookup, context.offsets, coarse)
     if (rows, columns) != (1, 1):
         ids = np.repeat(np.repeat(ids, rows, axis=0), columns, axis=1)
     return ids[window.top - top * rows :, window.left - left * columns :][: window.rows, : window.columns]

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
-from tilepipe.errors import InputError
+from tilepipe.parameters import checked_parameters
 
 Model = Literal["curvature", "perona-malik-exponential", "perona-malik-rational"]
 
@@ -141,29 +142,6 @@ class StreetParameters(BaseModel):
         return max(2, math.ceil(self.maximum_width / resolution / 2))
 
 
-def street_parameters(values: dict[str, Any]) -> StreetParameters:
-    """Parameters from named values, such as those of ``--set name=value`` or of a record.
-
-    Raises
-    ------
-    InputError
-        When a name is unknown or a value is out of its range; names the parameter and says what to do.
-    """
-    try:
-        return StreetParameters(**values)
-    except ValidationError as error:
-        first = error.errors()[0]
-        name = ".".join(str(part) for part in first["loc"])
-        if first["type"] == "extra_forbidden":
-            raise InputError(f"parameter '{name}' is unknown; {_suggestion(name)}") from None
-        message = first["msg"].removeprefix("Value error, ")
-        prefix = f"parameter {name}={first['input']!r}: " if name else ""
-        raise InputError(f"{prefix}{message[0].lower()}{message[1:]}") from None
-
-
-def _suggestion(name: str) -> str:
-    import difflib
-
-    known = list(StreetParameters.model_fields)
-    close = difflib.get_close_matches(name, known, n=1)
-    return f"did you mean '{close[0]}'?" if close else f"known are: {', '.join(known)}"
+def street_parameters(values: Mapping[str, Any]) -> StreetParameters:
+    """Parameters from named values; errors as for `checked_parameters`."""
+    return checked_parameters(StreetParameters, values)

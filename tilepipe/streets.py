@@ -25,7 +25,7 @@ from tilepipe.planning import Plan, plan_passes
 from tilepipe.raster import Raster, check_aligned, open_raster
 from tilepipe.reconcile import Numbering
 from tilepipe.regions import Regions, reconcile_regions
-from tilepipe.run import STATE, Record, Run, open_run
+from tilepipe.run import STATE, Record, Run, absolute_name, open_run
 from tilepipe.street_levels import GreyScale, count_values, grey_scale
 from tilepipe.street_network import LineScale, write_centerlines
 from tilepipe.street_parameters import StreetParameters, street_parameters
@@ -301,7 +301,7 @@ class _Job:
         return {
             "command": "streets",
             "version": __version__,
-            "sources": [f"{_absolute(source.name)} {source.stamp}" for source in sources],
+            "sources": [f"{absolute_name(source.name)} {source.stamp}" for source in sources],
             "raster": asdict(self.raster.geometry) | {"tile": list(self.grid.tile_shape), "band": self.band},
             "parameters": self.parameters.model_dump(),
         }
@@ -316,8 +316,8 @@ class _Job:
             "version": __version__,
             "out": str(Path(out).absolute()),
             "inputs": {
-                "rasters": [_absolute(name) for name in self.raster.names],
-                "heights": [_absolute(name) for name in heights],
+                "rasters": [absolute_name(name) for name in self.raster.names],
+                "heights": [absolute_name(name) for name in heights],
                 "crs": self.crs,
                 "band": self.band,
             },
@@ -325,11 +325,6 @@ class _Job:
             "options": options,
             "parameters": self.parameters.model_dump(),
         }
-
-
-def _absolute(name: str) -> str:
-    path = Path(name)
-    return str(path.absolute()) if path.exists() else name
 
 
 def select(regions: Regions, parameters: StreetParameters) -> NDArray[np.bool_]:
