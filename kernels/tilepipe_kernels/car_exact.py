@@ -1,0 +1,173 @@
+"""Exact draws of region heights given the variances: perturbed right side, conjugate gradients."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from .car_model import CarModel, Float64, Graph, Int64
+from .car_sweeps import NODE_STREAM
+from .compiled import loop
+from .random import as_seed, normal
+
+_FIRST_EDGE_STREAM = 1
+
+SOLVER_TOLERANCE = 1e-5
+"""Residual at which conjugate gradients end, in standard deviations of the right side's noise."""
+
+_SOLVER_LIMIT = 10_000
+
+
+def checked_sites(site_ids: Int64 | None, nodes: int) -> Int64:
+    """Ascending global ids of the nodes, empty for 0..n-1."""
+    if site_ids is None:
+        return np.empty(0, np.int64)
+    sites = np.ascontiguousarray(site_ids, dtype=np.int64)
+    if sites.shape != (nodes,) or sites[0] < 0 or (np.diff(sites) <= 0).any():
+        raise ValueError("site_ids must be ascending, 0 or more, one for each node: list the nodes in their order")
+    return sites
+
+
+@loop
+def _perturb(
+    graph: Graph, sites: Int64, smooth: float, fit: float, seed: np.uint64, sweep: np.uint64,
+    diagonal: Float64, side: Float64,
+) -> None:  # fmt: skip
+    """Diagonal of the precision P of x | rest, and a right side of mean P E[x] and covariance P.
+
+    An edge's number is drawn at its lower node, in the stream of its rank among that node's upper neighbours.
+    """
+    for i in range(side.size):
+        data = graph.pixels[i] * fit
+        diagonal[i] = data
+        site = np.uint64(sites[i] if sites.size else i)
+        side[i] = data * graph.mean[i] + math.sqrt(data) * normal(seed, site, sweep, NODE_STREAM)
+    for i in range(side.size):
+        site = np.uint64(sites[i] if sites.size else i)
+        stream = _FIRST_EDGE_STREAM
+        for e in range(graph.offsets[i], graph.offsets[i + 1]):
+            b = graph.weights[e] * smooth
+            diagonal[i] += b
+            j = graph.neighbours[e]
+            if j > i:
+                part = math.sqrt(b) * normal(seed, site, sweep, np.uint64(stream))
+                side[i] += part
+                side[j] -= part
+                stream += 1
+
+
+@loop
+def _multiply(graph: Graph, smooth: float, diagonal: Float64, p: Float64, result: Float64) -> float:
+    """Write the product of P and p; return p'Pp."""
+    form = 0.0
+    for i in range(p.size):
+        pull = 0.0
+        for e in range(graph.offsets[i], graph.offsets[i + 1]):
+            pull += graph.weights[e] * p[graph.neighbours[e]]
+        result[i] = diagonal[i] * p[i] - pull * smooth
+        form += p[i] * result[i]
+    return form
+
+
+@loop
+def _solve(
+    graph: Graph, smooth: float, diagonal: Float64, side: Float64, x: Float64, p: Float64, product: Float64,
+    tolerance: float, limit: int,
+) -> int:  # fmt: skip
+    """Conjugate gradients with Jacobi's preconditioner from `x` on; `side` becomes the residual.
+
+    Ends when the residual, in units of its own standard deviation, is below `tolerance`; returns the iterations.
+    """
+    n = x.size
+    _multiply(graph, smooth, diagonal, x, product)
+    norm = 0.0
+    for i in range(n):
+        side[i] -= product[i]
+        p[i] = side[i] / diagonal[i]
+        norm += side[i] * p[i]
+    iterations = 0
+    while norm > tolerance * tolerance * n and iterations < limit:
+        step = norm / _multiply(graph, smooth, diagonal, p, product)
+        new = 0.0
+        for i in range(n):
+            x[i] += step * p[i]
+            side[i] -= step * product[i]
+            new += side[i] * side[i] / diagonal[i]
+        ratio = new / norm
+        for i in range(n):
+            p[i] = side[i] / diagonal[i] + ratio * p[i]
+        norm = new
+        iterations += 1
+    return iterations
+
+
+@loop
+def measure(graph: Graph, x: Float64) -> tuple[float, float]:
+    """Sum w (x_i - x_j)² over the edges, and n (m - x)² over the nodes."""
+    roughness = misfit = 0.0
+    for i in range(x.size):
+        for e in range(graph.offsets[i], graph.offsets[i + 1]):
+            d = x[i] - x[graph.neighbours[e]]
+            roughness += graph.weights[e] * d * d if graph.neighbours[e] < i else 0.0
+        d = x[i] - graph.mean[i]
+        misfit += graph.pixels[i] * d * d
+    return roughness, misfit
+
+
+def draw_exactly(
+    graph: Graph, sites: Int64, smoothness: float, noise: float, seed: np.uint64, sweep: int, x: Float64,
+    tolerance: float, scratch: tuple[Float64, Float64],
+) -> None:  # fmt: skip
+    """Overwrite x, from where the solver starts, by a draw; see `perturb_and_map`."""
+    diagonal, side = scratch
+    _perturb(graph, sites, 1 / smoothness, 1 / noise, seed, np.uint64(sweep), diagonal, side)
+    p, product = np.empty_like(x), np.empty_like(x)
+    iterations = _solve(graph, 1 / smoothness, diagonal, side, x, p, product, tolerance, _SOLVER_LIMIT)
+    if iterations == _SOLVER_LIMIT:
+        raise ValueError(f"conjugate gradients did not converge in {_SOLVER_LIMIT} iterations: v = {smoothness} m²")
+
+
+def perturb_and_map(
+    model: CarModel,
+    smoothness: float,
+    noise: float,
+    *,
+    seed: int = 0,
+    sweep: int = 0,
+    site_ids: Int64 | None = None,
+    solver_tolerance: float = SOLVER_TOLERANCE,
+) -> Float64:
+    """Draw x given both variances, independently of any other draw (Papandreou & Yuille 2010).
+
+    The precision is P = diag(n/s2) + L/v with the graph's Laplacian L.  Noise of covariance P is made of one
+    number for each datum and edge, added to the right side, and the system solved by conjugate gradients.
+
+    Parameters
+    ----------
+    model
+        Graph and data.
+    smoothness, noise
+        v and s2, m².
+    seed, sweep, site_ids
+        What the numbers are a function of, as for `sample`.
+    solver_tolerance
+        Root mean square residual, in standard deviations of the noise, at which to stop.
+
+    Returns
+    -------
+    ndarray of float64, shape (n,)
+        One draw, m.
+
+    Raises
+    ------
+    ValueError
+        For variances that are not positive, ids that do not ascend, or if the solver does not converge.
+    """
+    if not (0 < smoothness < math.inf and 0 < noise < math.inf):
+        raise ValueError(f"variances must be positive, not {smoothness} and {noise} m²")
+    x = model.mean.copy()
+    sites = checked_sites(site_ids, len(x))
+    scratch = np.empty_like(x), np.empty_like(x)
+    draw_exactly(model.graph, sites, smoothness, noise, as_seed(seed), sweep, x, solver_tolerance, scratch)
+    return x
