@@ -8,10 +8,14 @@ import shlex
 from pathlib import Path
 from typing import Any
 
+from pydantic import BaseModel
+
+from tilepipe.object_parameters import ObjectParameters
 from tilepipe.street_parameters import StreetParameters
 
 README = Path(__file__).resolve().parents[1] / "README.md"
-START, END = "<!-- parameters: written by scripts/readme-parameters -->", "<!-- end of parameters -->"
+START, END = "<!-- parameters of {}: written by scripts/readme-parameters -->", "<!-- end of parameters -->"
+MODELS: dict[str, type[BaseModel]] = {"streets": StreetParameters, "objects": ObjectParameters}
 
 # Units that the descriptions do not give in parentheses.
 UNITS = {
@@ -20,14 +24,15 @@ UNITS = {
     "edge_gradient": "grey/pixel",
     "tolerance": "grey",
     "darkness": "grey",
+    "variance": "m²",
 }
 _UNIT = re.compile(r" \((?:(\S+), )?(m²|m|degrees)\)")
 
 
-def parameter_table() -> str:
-    """The Markdown table of all parameters: name, default, unit, meaning."""
+def parameter_table(model: type[BaseModel]) -> str:
+    """The Markdown table of all parameters of a pipeline: name, default, unit, meaning."""
     rows = [("name", "default", "unit", "meaning"), ("---", "---:", "---", "---")]
-    for name, field in StreetParameters.model_fields.items():
+    for name, field in model.model_fields.items():
         meaning = field.description or ""
         unit = UNITS.get(name, "")
         if match := _UNIT.search(meaning):
@@ -43,13 +48,16 @@ def shown(value: Any) -> str:
     return "inf" if math.isinf(value) else f"{value:g}"
 
 
-def with_table(text: str) -> str:
-    """The text of the README with the table of today."""
-    before, start, rest = text.partition(START)
-    _, end, after = rest.partition(END)
-    if not (start and end):
-        raise ValueError(f"README.md must hold the lines {START} and {END}")
-    return f"{before}{START}\n\n{parameter_table()}\n\n{END}{after}"
+def with_tables(text: str) -> str:
+    """The text of the README with the tables of today."""
+    for name, model in MODELS.items():
+        mark = START.format(name)
+        before, start, rest = text.partition(mark)
+        _, end, after = rest.partition(END)
+        if not (start and end):
+            raise ValueError(f"README.md must hold the lines {mark} and {END}")
+        text = f"{before}{mark}\n\n{parameter_table(model)}\n\n{END}{after}"
+    return text
 
 
 def code_blocks(text: str, language: str) -> list[str]:
@@ -66,4 +74,4 @@ def commands(text: str, program: str) -> list[list[str]]:
 
 
 if __name__ == "__main__":
-    README.write_text(with_table(README.read_text(encoding="utf-8")), encoding="utf-8")
+    README.write_text(with_tables(README.read_text(encoding="utf-8")), encoding="utf-8")

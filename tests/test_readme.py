@@ -9,10 +9,12 @@ from pathlib import Path
 import pytest
 import typer
 
-from tests.readme import README, code_blocks, commands, parameter_table, with_table
+from tests.readme import README, code_blocks, commands, parameter_table, with_tables
 from tilepipe import cli
+from tilepipe.object_parameters import object_parameters
+from tilepipe.object_regions import BOUNDARY_COLUMNS, OBJECT_COLUMNS
 from tilepipe.street_network import COLUMNS
-from tilepipe.street_parameters import street_parameters
+from tilepipe.street_parameters import StreetParameters, street_parameters
 from tilepipe.synthetic import City, write_city
 
 TEXT = README.read_text(encoding="utf-8")
@@ -20,11 +22,11 @@ COMMANDS = commands(TEXT, "tilepipe")
 
 
 def test_parameters_are_those_of_the_model() -> None:
-    assert with_table(TEXT) == TEXT, "run scripts/readme-parameters"
+    assert with_tables(TEXT) == TEXT, "run scripts/readme-parameters"
 
 
 def test_table_takes_units_out_of_the_meaning() -> None:
-    rows = {row.split("`")[1]: row for row in parameter_table().splitlines()[2:]}
+    rows = {row.split("`")[1]: row for row in parameter_table(StreetParameters).splitlines()[2:]}
     assert rows["maximum_contour"].endswith("| m | longest contour of a street region |")
     assert rows["gradient_sigma"].endswith("| m | Gaussian of the gradient (σ) |")
     assert rows["tolerance"].split(" | ")[2] == "grey"
@@ -37,7 +39,8 @@ def test_commands_parse(words: list[str]) -> None:
     command = group.get_command(typer.Context(group), name)  # type: ignore[attr-defined]
     assert command is not None, f"tilepipe has no command {name}"
     context = command.make_context(name, arguments)
-    street_parameters(cli._assignments(context.params.get("set_") or []))
+    checked = object_parameters if name == "objects" else street_parameters
+    checked(cli._assignments(context.params.get("set_") or []))
 
 
 def test_every_command_is_shown() -> None:
@@ -68,5 +71,10 @@ def test_examples_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (record,) = code_blocks(TEXT, "toml")
     (tmp_path / "city.toml").write_text(record)
     assert tomllib.loads(record)["command"] == "streets"
-    cli._streets_of_record(cli._load_record(tmp_path / "city.toml", None), overwrite=True, quiet=True)
+    cli._run_record(cli._load_record(tmp_path / "city.toml", None), overwrite=True, quiet=True)
     assert (tmp_path / tomllib.loads(record)["out"] / "centerlines.parquet").is_file()
+
+
+def test_columns_of_objects_are_named() -> None:
+    for name in (*OBJECT_COLUMNS, *BOUNDARY_COLUMNS):
+        assert f"`{name}`" in TEXT

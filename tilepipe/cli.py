@@ -6,6 +6,7 @@ import json
 import os
 import sys
 import tomllib
+import warnings
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal, NoReturn
@@ -77,24 +78,63 @@ def streets(
     plan: Annotated[bool, typer.Option("--plan", help="Show tiles, passes, halos and memory, and stop.")] = False,
 ) -> None:
     """Street centerlines from lidar intensity (dark streets), by ridge lines and by skeleton."""
-    record = {
-        "command": "streets",
+    inputs: dict[str, Any] = {"rasters": [str(p) for p in rasters], "heights": [str(p) for p in height or []]}
+    record = _record("streets", out, inputs, crs, band, set_) | {
+        "options": _options(tile, workers, executor, backend, memory, seed, format)
+    }
+    _run_record(record, overwrite=overwrite, quiet=quiet, plan_only=plan)
+
+
+@app.command()
+def objects(
+    rasters: Rasters,
+    out: Annotated[Path | None, typer.Option(help="Folder of the run; not needed with --plan.")] = None,
+    tile: Tile = 2048,
+    workers: Workers = None,
+    executor: ExecutorName = "threads",
+    backend: Backend = "auto",
+    memory: Memory = "8GiB",
+    seed: Seed = 0,
+    crs: Crs = None,
+    band: Band = None,
+    format: Format = "parquet",
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+    set_: Set = None,
+    plan: Annotated[bool, typer.Option("--plan", help="Show tiles, passes, halos and memory, and stop.")] = False,
+) -> None:
+    """Object polygons from lidar heights, and the probability of every boundary between them."""
+    record = _record("objects", out, {"rasters": [str(p) for p in rasters]}, crs, band, set_) | {
+        "options": _options(tile, workers, executor, backend, memory, seed, format)
+    }
+    _run_record(record, overwrite=overwrite, quiet=quiet, plan_only=plan)
+
+
+def _record(
+    command: str, out: Path | None, inputs: dict[str, Any], crs: str | None, band: int | None, set_: list[str] | None
+) -> dict[str, Any]:
+    """A record of what a command line asks for, but its options."""
+    named = {name: value for name, value in (("crs", crs), ("band", band)) if value}
+    return {
+        "command": command,
         "out": str(out) if out else "",
-        "inputs": {"rasters": [str(p) for p in rasters], "heights": [str(p) for p in height or []]}
-        | ({"crs": crs} if crs else {})
-        | ({"band": band} if band else {}),
-        "options": {
-            "tile": tile,
-            "executor": executor,
-            "backend": backend,
-            "memory": memory,
-            "seed": seed,
-            "format": format,
-        }
-        | ({"workers": workers} if workers is not None else {}),
+        "inputs": inputs | named,
         "parameters": _assignments(set_ or []),
     }
-    _streets_of_record(record, overwrite=overwrite, quiet=quiet, plan_only=plan)
+
+
+def _options(
+    tile: int, workers: int | None, executor: str, backend: str, memory: str, seed: int, format: str
+) -> dict[str, Any]:
+    options: dict[str, Any] = {
+        "tile": tile,
+        "executor": executor,
+        "backend": backend,
+        "memory": memory,
+        "seed": seed,
+        "format": format,
+    }
+    return options | ({"workers": workers} if workers is not None else {})
 
 
 def _assignments(texts: list[str]) -> dict[str, Any]:
@@ -111,12 +151,18 @@ def _assignments(texts: list[str]) -> dict[str, Any]:
     return values
 
 
-def _streets_of_record(record: dict[str, Any], *, overwrite: bool, quiet: bool, plan_only: bool = False) -> None:
-    """Plan or run the streets pipeline as a record says."""
+_PIPELINES = ("streets", "objects")
+
+
+def _run_record(record: dict[str, Any], *, overwrite: bool, quiet: bool, plan_only: bool = False) -> None:
+    """Plan or run a pipeline as a record says."""
+    from importlib import import_module
+
     from tilepipe.options import RunOptions, parse_memory
     from tilepipe.progress import progress_bars
-    from tilepipe.streets import plan_streets, streets
 
+    command = record["command"]
+    pipeline = import_module(f"tilepipe.{command}")
     for name in ("inputs", "options", "parameters"):
         if not isinstance(record.get(name, {}), dict):
             raise InputError(f"the record's '{name}' is no table: write [{name}]")
@@ -128,20 +174,23 @@ def _streets_of_record(record: dict[str, Any], *, overwrite: bool, quiet: bool, 
     except TypeError as error:
         raise InputError(f"[options] of the record: {str(error).partition(') ')[2]}; remove it") from None
     arguments: dict[str, Any] = {
-        "height": inputs.get("heights") or None,
         "params": record.get("parameters", {}),
         "crs": inputs.get("crs"),
         "band": inputs.get("band"),
         "options": run_options,
     }
+    if command == "streets":
+        arguments["height"] = inputs.get("heights") or None
     if plan_only:
-        print(plan_streets(inputs.get("rasters", []), **arguments).text())
+        print(getattr(pipeline, f"plan_{command}")(inputs.get("rasters", []), **arguments).text())
         return
     out = Path(record.get("out", ""))
     if not record.get("out"):
         raise InputError("the record names no folder: give --out")
+    # a warning is one line for people here, as an error is
+    warnings.showwarning = lambda message, *_, **__: print(f"tilepipe: warning: {message}", file=sys.stderr)
     with progress_bars(quiet) as progress:
-        layers = streets(inputs.get("rasters", []), out=out, progress=progress, **arguments)
+        layers = getattr(pipeline, command)(inputs.get("rasters", []), out=out, progress=progress, **arguments)
     if not quiet:
         for layer in layers:
             print(layer)
@@ -157,8 +206,8 @@ def _load_record(path: Path, out: Path | None) -> dict[str, Any]:
     record = read_record(path)
     if unknown := sorted(set(record) - _KNOWN):
         raise InputError(f"{path}: '{unknown[0]}' is unknown; known are {', '.join(sorted(_KNOWN))}")
-    if record.get("command") != "streets":
-        raise InputError(f"{path}: command '{record.get('command')}' is unknown; use streets")
+    if record.get("command") not in _PIPELINES:
+        raise InputError(f"{path}: command '{record.get('command')}' is unknown; use {' or '.join(_PIPELINES)}")
     if out is not None:
         record["out"] = str(out)
     return record
@@ -172,25 +221,26 @@ def run(
     quiet: Quiet = False,
 ) -> None:
     """Repeat or resume a run from its record."""
-    _streets_of_record(_load_record(record, out), overwrite=overwrite, quiet=quiet)
+    _run_record(_load_record(record, out), overwrite=overwrite, quiet=quiet)
 
 
 @app.command()
 def plan(record: Annotated[Path, typer.Argument(help="run.toml of a run, or one of your own.")]) -> None:
     """Show tiles, passes, halos and memory of a run before any work."""
-    _streets_of_record(_load_record(record, None), overwrite=False, quiet=True, plan_only=True)
+    _run_record(_load_record(record, None), overwrite=False, quiet=True, plan_only=True)
 
 
 @app.command()
 def status(folder: Annotated[Path, typer.Argument(help="Folder of a run.")]) -> None:
     """Say what a run folder holds and how far an unfinished run is."""
+    from importlib import import_module
+
     from tilepipe.run import STATE, status
-    from tilepipe.streets import pass_sizes
 
     found = status(folder)
     print(f"{folder}: {found['state']}")
     if found["state"] == "unfinished":
-        sizes = pass_sizes(found["record"])
+        sizes = import_module(f"tilepipe.{found['record']['command']}").pass_sizes(found["record"])
         for name, total in sizes.items():
             print(f"  {name}: {found['passes'].get(name, 0)} of {total} tiles done")
         print(f"  resume with: tilepipe run {folder / STATE / 'run.toml'}")

@@ -98,13 +98,19 @@ class Plan:
         return "\n".join(lines)
 
 
-def plan_passes(command: str, raster: Raster, passes: Sequence[Pass], options: RunOptions) -> Plan:
-    """Plan a run of several passes on one tiling."""
+def plan_passes(
+    command: str,
+    raster: Raster,
+    passes: Sequence[Pass],
+    options: RunOptions,
+    per_megapixel: int = _PER_MEGAPIXEL,
+) -> Plan:
+    """Plan a run of several passes on one tiling; ``per_megapixel`` bytes are held for the whole raster."""
     grid = passes[0].grid
     rows, columns = grid.counts
     seams = (rows - 1) * grid.shape[1] + (columns - 1) * grid.shape[0]
     megapixels = math.prod(grid.shape) / 1e6
-    global_memory = int(2 * seams * _PER_SEAM_PIXEL + len(grid) * _PER_TILE // 16 + megapixels * _PER_MEGAPIXEL)
+    global_memory = int(2 * seams * _PER_SEAM_PIXEL + len(grid) * _PER_TILE // 16 + megapixels * per_megapixel)
     workers = min(options.workers, len(grid))
     plans = tuple(
         PassPlan(

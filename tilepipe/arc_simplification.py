@@ -1,0 +1,287 @@
+"""Arcs simplified one by one, without one coming into conflict with another."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tilepipe.arc_network import Arcs, Int64, Vertices
+from tilepipe.errors import InputError
+from tilepipe_kernels.compiled import loop, rule
+
+CELL = 16
+"""Pixels on a side of the cells by which segments that may meet are found."""
+HALVINGS = 3
+"""How often the tolerance of an arc in conflict is halved before the arc stays as it is."""
+
+
+def simplify_arcs(arcs: Arcs, tolerance: float, pixel_height: float = 1.0, pixel_width: float = 1.0) -> Arcs:
+    """Simplify each arc by itself (Douglas & Peucker 1973), with its two ends fixed, so that the topology stays.
+
+    Arcs that come into conflict are simplified again with half their tolerance, at last not at all. A conflict is a
+    new segment that meets another segment elsewhere than in a common vertex, or that passes an end of an arc or a
+    kept corner of a closed one; both are decided exactly, in integers. Without conflict no region collapses, none
+    overlaps another, and holes stay where they are. A closed arc keeps three corners at least.
+
+    Parameters
+    ----------
+    arcs
+        Arcs along the cracks of a raster, as `join_arcs` gives them.
+    tolerance
+        Largest distance between a removed corner and the segment that replaces it, in the unit of the pixel sizes.
+        A diagonal staircase becomes a line from 0.71 pixels on.
+    pixel_height, pixel_width
+        Size of a pixel, > 0.
+
+    Returns
+    -------
+    Arcs
+        The same arcs in the same order, with a part of their vertices.
+
+    Raises
+    ------
+    InputError
+        For a tolerance < 0 or pixel sizes that are not > 0.
+    """
+    if not (np.isfinite(tolerance) and tolerance >= 0 and pixel_height > 0 and pixel_width > 0):
+        raise InputError(f"tolerance ({tolerance}) must be ≥ 0 and pixel sizes > 0: give them in the same unit")
+    tolerances = np.full(len(arcs), float(tolerance))
+    kept = np.ones(len(arcs.vertices), np.bool_)
+    redo = np.flatnonzero(tolerances > 0)
+    reach = tolerance / min(pixel_height, pixel_width) + 1
+    again = False
+    while redo.size:
+        _keep(redo, arcs.offsets, arcs.vertices, tolerances, pixel_height, pixel_width, kept)
+        redo = np.flatnonzero(_conflicts(arcs.offsets, arcs.vertices, kept, redo, again, reach))
+        again = True
+        tolerances[redo] /= 2
+        tolerances[tolerances < tolerance / 2**HALVINGS] = 0
+    offsets = np.concatenate([[0], np.cumsum(kept)])[arcs.offsets]
+    return Arcs(offsets, arcs.vertices[kept], arcs.left, arcs.right)
+
+
+@rule
+def _distance(y: float, x: float, down: float, right: float) -> float:
+    """Squared distance of the point (y, x) from the segment between (0, 0) and (down, right)."""
+    square = down * down + right * right
+    along = y * down + x * right
+    if along <= 0 or square == 0:
+        return y * y + x * x
+    if along >= square:
+        return (y - down) ** 2 + (x - right) ** 2
+    across = y * right - x * down
+    return across * across / square
+
+
+@loop
+def _farthest(
+    vertices: Vertices, first: int, last: int, foot: int, top: int, height: float, width: float
+) -> tuple[int, float]:
+    """Of the vertices between first and last the farthest from the segment foot-top, and its squared distance."""
+    down = (vertices[top, 0] - vertices[foot, 0]) * height
+    right = (vertices[top, 1] - vertices[foot, 1]) * width
+    farthest, largest = first, -1.0
+    for k in range(first + 1, last):
+        y = (vertices[k, 0] - vertices[foot, 0]) * height
+        x = (vertices[k, 1] - vertices[foot, 1]) * width
+        distance = _distance(y, x, down, right)
+        if distance > largest:
+            farthest, largest = k, distance
+    return farthest, largest
+
+
+@loop
+def _keep(
+    redo: Int64,
+    offsets: Int64,
+    vertices: Vertices,
+    tolerances: NDArray[np.float64],
+    height: float,
+    width: float,
+    kept: NDArray[np.bool_],
+) -> None:
+    """Say for the arcs to redo which vertices are kept."""
+    for arc in redo:
+        first, last = offsets[arc], offsets[arc + 1] - 1
+        limit = tolerances[arc] ** 2
+        kept[first : last + 1] = limit == 0
+        if limit == 0 or last == first + 1:
+            kept[first] = kept[last] = True
+            continue
+        kept[first] = kept[last] = True
+        todo = [(first, last)]
+        if vertices[first, 0] == vertices[last, 0] and vertices[first, 1] == vertices[last, 1]:
+            # A closed arc has no chord: its farthest corner gives one, and the corners farthest from that an area.
+            middle, _ = _farthest(vertices, first, last, first, last, height, width)
+            one, distance = _farthest(vertices, first, middle, first, middle, height, width)
+            other, opposite = _farthest(vertices, middle, last, middle, last, height, width)
+            kept[middle] = True
+            kept[one] |= distance >= opposite / 4
+            kept[other] |= opposite >= distance / 4
+            todo.pop()
+            begin = first
+            for k in (one, middle, other, last):
+                if kept[k] and k > begin:
+                    todo.append((begin, k))
+                    begin = k
+        while len(todo) > 0:
+            begin, end = todo.pop()
+            k, distance = _farthest(vertices, begin, end, begin, end, height, width)
+            if distance > limit:
+                kept[k] = True
+                todo.append((begin, k))
+                todo.append((k, end))
+
+
+@loop
+def _segments(offsets: Int64, kept: NDArray[np.bool_]) -> tuple[Int64, Int64]:
+    """First vertex, last vertex and arc of each segment between kept vertices."""
+    segments = np.empty((len(kept), 2), np.int64)
+    arc_of = np.empty(len(kept), np.int64)
+    count = 0
+    for arc in range(len(offsets) - 1):
+        before = offsets[arc]
+        for k in range(offsets[arc] + 1, offsets[arc + 1]):
+            if kept[k]:
+                segments[count, 0], segments[count, 1], arc_of[count] = before, k, arc
+                count += 1
+                before = k
+    return segments[:count], arc_of[:count]
+
+
+@rule
+def _cell_rows(a: int, b: int, margin: float) -> tuple[int, int]:
+    return max(int(np.floor((min(a, b) - margin) / CELL)), 0), int(np.floor((max(a, b) + margin) / CELL)) + 1
+
+
+@rule
+def _cell_columns(cell_row: int, r0: int, c0: int, r1: int, c1: int, margin: float) -> tuple[int, int]:
+    """Range of cells of one row of cells that come within the margin of a segment."""
+    low, high = float(min(c0, c1)), float(max(c0, c1))
+    if r0 != r1:
+        slope = (c1 - c0) / (r1 - r0)
+        above = c0 + (cell_row * CELL - margin - r0) * slope
+        below = c0 + ((cell_row + 1) * CELL + margin - r0) * slope
+        low, high = max(low, min(above, below)), min(high, max(above, below))
+    return max(int(np.floor((low - margin) / CELL)), 0), int(np.floor((high + margin) / CELL)) + 1
+
+
+@loop
+def _cells_of_redone(
+    segments: Int64, arc_of: Int64, vertices: Vertices, redone: NDArray[np.bool_], with_old: bool, reach: float
+) -> tuple[Int64, Int64]:
+    """Cells that segments of redone arcs may sweep, and these segments, unsorted."""
+    keys, listed = np.empty(0, np.int64), np.empty(0, np.int64)
+    for fill in (False, True):
+        count = 0
+        for s in range(len(segments)):
+            if not redone[arc_of[s]] or not (with_old or segments[s, 1] > segments[s, 0] + 1):
+                continue
+            (r0, c0), (r1, c1) = vertices[segments[s, 0]], vertices[segments[s, 1]]
+            first, last = _cell_rows(r0, r1, reach)
+            for cell_row in range(first, last):
+                left, right = _cell_columns(cell_row, r0, c0, r1, c1, reach)
+                for cell_column in range(left, right):
+                    if fill:
+                        keys[count], listed[count] = np.int64(cell_row) << 32 | cell_column, s
+                    count += 1
+        if not fill:
+            keys, listed = np.empty(count, np.int64), np.empty(count, np.int64)
+    return keys, listed
+
+
+@rule
+def _side(r0: int, c0: int, r1: int, c1: int, row: int, column: int) -> int:
+    """Sign of the turn at the second of three points; int64, exact."""
+    turn = np.int64(r1 - r0) * np.int64(column - c0) - np.int64(c1 - c0) * np.int64(row - r0)
+    return int(turn > 0) - int(turn < 0)
+
+
+@rule
+def _meet(r0: int, c0: int, r1: int, c1: int, r2: int, c2: int, r3: int, c3: int) -> bool:
+    """Whether two segments have a point in common, other than one common end."""
+    if (r0 == r2 and c0 == c2) or (r1 == r3 and c1 == c3) or (r0 == r3 and c0 == c3) or (r1 == r2 and c1 == c2):
+        if (r0 == r3 and c0 == c3) or (r1 == r2 and c1 == c2):
+            r2, c2, r3, c3 = r3, c3, r2, c2
+        if r1 == r3 and c1 == c3:
+            r0, c0, r1, c1, r2, c2, r3, c3 = r1, c1, r0, c0, r3, c3, r2, c2
+        along = np.int64(r1 - r0) * np.int64(r3 - r2) + np.int64(c1 - c0) * np.int64(c3 - c2)
+        return _side(r0, c0, r1, c1, r3, c3) == 0 and bool(along > 0)
+    if max(r0, r1) < min(r2, r3) or max(r2, r3) < min(r0, r1) or max(c0, c1) < min(c2, c3) or max(c2, c3) < min(c0, c1):
+        return False
+    apart = _side(r0, c0, r1, c1, r2, c2) * _side(r0, c0, r1, c1, r3, c3) > 0
+    return not (apart or _side(r2, c2, r3, c3, r0, c0) * _side(r2, c2, r3, c3, r1, c1) > 0)
+
+
+@loop
+def _passed(vertices: Vertices, first: int, last: int, row: int, column: int) -> bool:
+    """Whether a point lies between a chain of vertices and the segment that replaces it (ray casting)."""
+    inside = False
+    before = last
+    for k in range(first, last + 1):
+        r0, c0, r1, c1 = vertices[before, 0], vertices[before, 1], vertices[k, 0], vertices[k, 1]
+        if (r0 == row and c0 == column) or (r1 == row and c1 == column):
+            return False
+        if (r0 > row) != (r1 > row) and (_side(r0, c0, r1, c1, row, column) > 0) == (r1 > r0):
+            inside = not inside
+        before = k
+    return inside
+
+
+@loop
+def _mark_conflicts(
+    keys: Int64,
+    listed: Int64,
+    segments: Int64,
+    arc_of: Int64,
+    offsets: Int64,
+    vertices: Vertices,
+    kept: NDArray[np.bool_],
+    bad: NDArray[np.bool_],
+) -> None:
+    for s in range(len(segments)):
+        (r0, c0), (r1, c1) = vertices[segments[s, 0]], vertices[segments[s, 1]]
+        first, last = _cell_rows(r0, r1, 0.25)
+        for cell_row in range(first, last):
+            left, right = _cell_columns(cell_row, r0, c0, r1, c1, 0.25)
+            stop = np.int64(cell_row) << 32 | right
+            at = np.searchsorted(keys, np.int64(cell_row) << 32 | left)
+            while at < len(keys) and keys[at] < stop:
+                other = listed[at]
+                at += 1
+                (r2, c2), (r3, c3) = vertices[segments[other, 0]], vertices[segments[other, 1]]
+                if other != s and _meet(r0, c0, r1, c1, r2, c2, r3, c3):
+                    bad[arc_of[s]] |= segments[s, 1] > segments[s, 0] + 1
+                    bad[arc_of[other]] |= segments[other, 1] > segments[other, 0] + 1
+    for arc in range(len(offsets) - 1):
+        first, second = offsets[arc], offsets[arc + 1] - 1
+        if vertices[first, 0] == vertices[second, 0] and vertices[first, 1] == vertices[second, 1]:
+            # A loop may hang on one junction, where the arc that passes it also ends: only the rest of it tells.
+            second = first + 1
+            while not kept[second]:
+                second += 1
+        for fixed in (first, second):
+            row, column = vertices[fixed, 0], vertices[fixed, 1]
+            key = np.int64(row // CELL) << 32 | np.int64(column // CELL)
+            at = np.searchsorted(keys, key)
+            while at < len(keys) and keys[at] == key:
+                begin, end = segments[listed[at]]
+                bad[arc_of[listed[at]]] |= end > begin + 1 and _passed(vertices, begin, end, row, column)
+                at += 1
+
+
+def _conflicts(
+    offsets: Int64, vertices: Vertices, kept: NDArray[np.bool_], redo: Int64, again: bool, reach: float
+) -> NDArray[np.bool_]:
+    """Arcs with a new segment that passes a fixed point, or meets another segment, one of the two of a redone arc.
+
+    At first all segments that are not new lie along cracks and cannot meet; `again` they can, where an arc has been
+    taken back.
+    """
+    segments, arc_of = _segments(offsets, kept)
+    redone, bad = np.zeros((2, len(offsets) - 1), np.bool_)
+    redone[redo] = True
+    keys, listed = _cells_of_redone(segments, arc_of, vertices, redone, again, reach)
+    order = np.argsort(keys, kind="stable")
+    _mark_conflicts(keys[order], listed[order], segments, arc_of, offsets, vertices, kept, bad)
+    return bad

@@ -1,0 +1,120 @@
+"""The region adjacency graph of all leaves, from the leaves and contacts of the tiles."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tilepipe.grid import TileGrid
+from tilepipe.ledger import Facts
+from tilepipe.object_leaves import TICKS_PER_METRE
+from tilepipe.reconcile import Numbering
+from tilepipe.seams import seam_edges
+from tilepipe_kernels.merging import RegionGraph, Statistics
+
+
+@dataclass(frozen=True)
+class Leaves:
+    """All leaves of a raster, ordered by their first pixel, and their graph.
+
+    Attributes
+    ----------
+    first
+        Lowest global index (row-major, in pixels) of each leaf, int64.
+    rank
+        Place in this order of every local leaf number, see `Numbering`, int32.
+    numbering
+        The local leaf numbers of all tiles.
+    graph
+        Heights in metres and borders in pixel sides.
+    lowest, highest
+        Lowest and highest pixel of each leaf in m, float32.
+    spread
+        Sum of the squared deviations from each leaf's mean in m², not limited as the graph's is.
+    """
+
+    first: NDArray[np.int64]
+    rank: NDArray[np.int32]
+    numbering: Numbering
+    graph: RegionGraph
+    lowest: NDArray[np.float32]
+    highest: NDArray[np.float32]
+    spread: NDArray[np.float64]
+
+    def lookup(self, values: NDArray[np.uint32]) -> NDArray[np.uint32]:
+        """Values of the leaves, by local leaf number."""
+        return values[self.rank]
+
+
+def reconcile_leaves(grid: TileGrid, facts: list[Facts], largest_variance: float) -> Leaves:
+    """Lay the leaves of all tiles end to end in the order of their first pixels and join their contacts.
+
+    Parameters
+    ----------
+    grid
+        Tiling.
+    facts
+        Facts of the pass `leaves`, by tile.
+    largest_variance
+        Variance in m² above which squares are split.  The smallest squares can exceed it, on walls and in trees:
+        what they hold is no noise of one surface, so they count with this variance.
+
+    Returns
+    -------
+    Leaves
+        Nothing in it depends on the tiling.
+    """
+    numbering = Numbering.of_counts(np.array([f["first"].size for f in facts]))
+    first = np.concatenate([f["first"] for f in facts])
+    order = np.argsort(first, kind="stable")
+    rank = np.empty(order.size, np.int32)
+    rank[order] = np.arange(order.size, dtype=np.int32)
+    count, total, squares = (
+        np.concatenate([f[name] for f in facts])[order].astype(np.float64) for name in ("count", "total", "squares")
+    )
+    spread = np.maximum(squares - total * (total / count), 0.0) / TICKS_PER_METRE**2
+    limited = np.minimum(spread, largest_variance * count)
+    statistics = Statistics(count, total / count / TICKS_PER_METRE, limited)
+    edges, length = _joined([*_tile_contacts(facts, numbering, rank), *_seam_contacts(grid, facts, numbering, rank)])
+    lowest, highest = (
+        (np.concatenate([f[name] for f in facts])[order] / TICKS_PER_METRE).astype(np.float32)
+        for name in ("lowest", "highest")
+    )
+    return Leaves(first[order], rank, numbering, RegionGraph(statistics, edges, length), lowest, highest, spread)
+
+
+def _tile_contacts(
+    facts: list[Facts], numbering: Numbering, rank: NDArray[np.int32]
+) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
+    for tile, found in enumerate(facts):
+        ends = rank[numbering.globalise(tile, found["edges"])]
+        yield _keys(ends), found["length"].astype(np.int64)
+
+
+def _seam_contacts(
+    grid: TileGrid, facts: list[Facts], numbering: Numbering, rank: NDArray[np.int32]
+) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
+    for seam, a, b in seam_edges(grid, facts, "label"):
+        both = (a > 0) & (b > 0)
+        ends = [rank[numbering.globalise(tile, side[both])] for tile, side in ((seam.first, a), (seam.second, b))]
+        keys, sides = np.unique(_keys(np.stack(ends, axis=1)), return_counts=True)
+        yield keys, sides
+
+
+def _keys(ends: NDArray[np.int32]) -> NDArray[np.int64]:
+    """An edge as one number, the lower leaf in its upper half."""
+    keys: NDArray[np.int64] = (ends.min(axis=1).astype(np.int64) << 32) | ends.max(axis=1)
+    return keys
+
+
+def _joined(
+    parts: list[tuple[NDArray[np.int64], NDArray[np.int64]]],
+) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
+    """Edges sorted by their leaves, each once; two leaves can meet in a tile or on a seam, and never in both."""
+    keys, length = (np.concatenate([part[side] for part in parts]) for side in (0, 1))
+    order = np.argsort(keys, kind="stable")
+    keys = keys[order]
+    return np.stack([keys >> 32, keys & 0xFFFFFFFF], axis=1).astype(np.int32), length[order]

@@ -1,0 +1,63 @@
+"""First pass of `objects`: the quadtree leaves of a tile, their contacts, and what the seams need to know."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tilepipe.grid import Tile, TileGrid
+from tilepipe.ledger import Facts
+from tilepipe.object_parameters import ObjectParameters
+from tilepipe.passes import StateArray, write_state
+from tilepipe.raster import Raster
+from tilepipe.seams import edge_facts
+from tilepipe_kernels import adjacency, extremes, quadtree
+
+TICKS_PER_METRE = 1000
+"""Heights are counted in millimetres, so that all sums are exact and do not depend on the tiling."""
+
+MISSING = -(1 << 31)
+
+SUMMED = ("count", "total", "squares")
+"""Columns of a leaf that are sums over its pixels."""
+
+
+@dataclass(frozen=True)
+class LeafContext:
+    """What the pass needs to know; picklable."""
+
+    raster: Raster
+    parameters: ObjectParameters
+    grid: TileGrid
+    labels: StateArray
+
+    @property
+    def sides(self) -> tuple[int, int]:
+        """Sides of the smallest and the largest leaf in pixels."""
+        return self.parameters.leaf_sides(self.raster.geometry.resolution)
+
+
+def to_ticks(heights: NDArray[np.float32], metres: float) -> NDArray[np.int32]:
+    """Heights in a unit of ``metres`` as whole millimetres; NaN becomes `MISSING`."""
+    scaled = np.rint(heights.astype(np.float64) * (metres * TICKS_PER_METRE))
+    return np.where(np.isnan(scaled), MISSING, scaled).astype(np.int32)
+
+
+def find_leaves(context: LeafContext, tile: Tile) -> Facts:
+    """Tile function (halo 0): facts are the leaves, their contacts, and the labels along the seams."""
+    core = tile.core
+    ticks = to_ticks(context.raster.read(core), context.raster.geometry.metres)
+    smallest, largest = context.sides
+    threshold = (context.parameters.split_deviation * TICKS_PER_METRE) ** 2
+    labels, leaves = quadtree.split(
+        ticks, threshold=threshold, smallest=smallest, largest=largest, origin=(core.top, core.left)
+    )
+    edges, length = adjacency.contacts(labels, leaves.first.size)
+    row, column = np.divmod(leaves.first, core.columns)
+    facts: Facts = {name: getattr(leaves, name) for name in SUMMED}
+    facts["first"] = (row + core.top) * context.grid.shape[1] + column + core.left
+    lowest, highest = extremes.label_extremes(labels, ticks, leaves.first.size)
+    facts |= {"edges": edges, "length": length, "lowest": lowest, "highest": highest}
+    return facts | write_state({"labels": context.labels}, tile, {"labels": labels}) | edge_facts("label", labels)

@@ -1,0 +1,178 @@
+"""Second pass of `objects`: the arcs between the merged regions of a tile; and the two tables made of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tilepipe.arc_network import Arcs, join_arcs
+from tilepipe.arc_simplification import simplify_arcs
+from tilepipe.geoparquet import ParquetWriter
+from tilepipe.georeference import Geometry
+from tilepipe.grid import Tile, TileGrid, Window
+from tilepipe.ledger import Facts, Ledger
+from tilepipe.object_graph import Leaves
+from tilepipe.object_merge import Merged
+from tilepipe.passes import StateArray
+from tilepipe.polygons import assemble_polygons
+from tilepipe.relabel import read_relabelled
+from tilepipe_kernels import arcs as arc_kernel
+
+OBJECT_COLUMNS: dict[str, str] = {
+    "region_id": "int64",
+    "area_m2": "float64",
+    "perimeter_m": "float64",
+    "compactness": "float64",
+    "height_mean": "float64",
+    "height_min": "float64",
+    "height_max": "float64",
+    "height_deviation": "float64",
+    "posterior_mean": "float64",
+    "posterior_deviation": "float64",
+    "leaves": "int64",
+}
+"""Columns of ``objects.parquet``; heights in metres."""
+
+BOUNDARY_COLUMNS: dict[str, str] = {
+    "left_id": "int64",
+    "right_id": "int64",
+    "length_m": "float64",
+    "height_step_m": "float64",
+    "probability_one_object": "float64",
+}
+"""Columns of ``boundaries.parquet``; id 0 = nodata or outside the raster, where step and probability are null."""
+
+_PIECES = ("offsets", "vertices", "left", "right", "cut")
+
+
+@dataclass(frozen=True)
+class RegionContext:
+    """What the pass needs to know; picklable."""
+
+    grid: TileGrid
+    labels: StateArray
+    lookup: Path
+    offsets: tuple[int, ...]
+
+    def read(self, window: Window) -> NDArray[np.uint32]:
+        """Region ids of a window, 0 = nodata."""
+        return read_relabelled(self.labels, self.lookup, self.offsets, window)
+
+
+def trace_borders(context: RegionContext, tile: Tile) -> Facts:
+    """Tile function (halo 1): facts are the pieces of arcs that the tile owns."""
+    pieces = arc_kernel.trace_arcs(
+        context.read(tile.padded), core=tile.core_in_padded.as_tuple(), origin=tile.padded.origin
+    )
+    return {name: getattr(pieces, name) for name in _PIECES}
+
+
+def _pieces(ledger: Ledger) -> Iterator[arc_kernel.ArcPieces]:
+    for facts in ledger.each():
+        yield arc_kernel.ArcPieces(**{name: facts[name] for name in _PIECES})
+
+
+def write_tables(
+    folder: Path, ledger: Ledger, leaves: Leaves, merged: Merged, geometry: Geometry, simplification: float
+) -> list[Path]:
+    """Write ``objects.parquet`` and ``boundaries.parquet``.
+
+    Parameters
+    ----------
+    folder
+        Where to write.
+    ledger
+        Of the pass `borders`.
+    leaves, merged
+        What the regions are made of.
+    geometry
+        Grid of the raster.
+    simplification
+        Tolerance of the borders in m; 0 = pixel steps.
+
+    Returns
+    -------
+    list of Path
+    """
+    import shapely
+
+    exact = join_arcs(_pieces(ledger))
+    rings = assemble_polygons(exact)
+    pixel = geometry.resolution
+    arcs = simplify_arcs(exact, simplification, pixel, pixel) if simplification > 0 else exact
+    affine = geometry.transform
+    ids, geometries = rings.geometries(arcs, affine)
+    # nodata can part a region, so that all are written as multipolygons
+    parts, owner = shapely.get_parts(geometries, return_index=True)
+    polygons = shapely.multipolygons(parts, indices=owner)
+    objects, boundaries = folder / "objects.parquet", folder / "boundaries.parquet"
+    with ParquetWriter(objects, OBJECT_COLUMNS, geometry.crs, "MultiPolygon") as table:
+        table.append(_object_columns(ids.astype(np.int64), polygons, leaves, merged, geometry), polygons)
+    with ParquetWriter(boundaries, BOUNDARY_COLUMNS, geometry.crs, "LineString") as table:
+        table.append(_boundary_columns(arcs, merged, pixel), _lines(arcs, affine))
+    return [objects, boundaries]
+
+
+def _object_columns(
+    ids: NDArray[np.int64], polygons: NDArray[Any], leaves: Leaves, merged: Merged, geometry: Geometry
+) -> dict[str, NDArray[Any]]:
+    """Attributes of the regions; areas and perimeters are those of the polygons as written."""
+    import shapely
+
+    region, at = merged.region, ids - 1
+    regions = merged.mean.size
+    count, mean = leaves.graph.statistics.count, leaves.graph.statistics.mean
+    lowest, highest = np.full(regions, np.inf, np.float32), np.full(regions, -np.inf, np.float32)
+    np.minimum.at(lowest, region, leaves.lowest)
+    np.maximum.at(highest, region, leaves.highest)
+    total = np.bincount(region, count, regions)
+    own = np.bincount(region, count * mean, regions) / total
+    squares = np.bincount(region, leaves.spread + count * (mean - own[region]) ** 2, regions)
+    area = shapely.area(polygons) * geometry.metres**2
+    perimeter = shapely.length(polygons) * geometry.metres
+    return {
+        "region_id": ids,
+        "area_m2": area,
+        "perimeter_m": perimeter,
+        "compactness": 4 * np.pi * area / perimeter**2,
+        "height_mean": own[at],
+        "height_min": lowest[at].astype(np.float64),
+        "height_max": highest[at].astype(np.float64),
+        "height_deviation": np.sqrt(squares / total)[at],
+        "posterior_mean": merged.mean[at],
+        "posterior_deviation": merged.deviation[at],
+        "leaves": np.bincount(region, minlength=regions)[at],
+    }
+
+
+def _boundary_columns(arcs: Arcs, merged: Merged, pixel: float) -> dict[str, NDArray[Any]]:
+    left, right = arcs.left.astype(np.int64), arcs.right.astype(np.int64)
+    inner = np.flatnonzero((left > 0) & (right > 0))
+    ends = np.sort(np.stack([left[inner], right[inner]], axis=1) - 1, axis=1)
+    keys = (merged.graph.edges[:, 0].astype(np.int64) << 32) | merged.graph.edges[:, 1]
+    edge = np.searchsorted(keys, (ends[:, 0] << 32) | ends[:, 1])
+    step, probability = np.full((2, left.size), np.nan)
+    step[inner] = merged.mean[left[inner] - 1] - merged.mean[right[inner] - 1]
+    probability[inner] = merged.probability[edge]
+    return {
+        "left_id": left,
+        "right_id": right,
+        "length_m": arcs.lengths(pixel, pixel),
+        "height_step_m": step,
+        "probability_one_object": probability,
+    }
+
+
+def _lines(arcs: Arcs, affine: tuple[float, ...]) -> NDArray[Any]:
+    import shapely
+
+    row, column = arcs.vertices.astype(np.float64).T
+    a, b, c, d, e, f = affine[:6]
+    xy = np.stack([a * column + b * row + c, d * column + e * row + f], axis=1)
+    lines: NDArray[Any] = shapely.from_ragged_array(shapely.GeometryType.LINESTRING, xy, (arcs.offsets,))
+    return lines

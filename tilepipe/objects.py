@@ -1,0 +1,259 @@
+"""The objects pipeline (Galvanin et al. 2007): lidar heights in, object polygons and their boundaries out."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tilepipe import __version__, object_leaves, object_regions
+from tilepipe.errors import InputError
+from tilepipe.export import convert
+from tilepipe.grid import TileGrid
+from tilepipe.layers import write_cog
+from tilepipe.ledger import Ledger
+from tilepipe.object_convergence import as_text, diagnose, warning
+from tilepipe.object_graph import Leaves, reconcile_leaves
+from tilepipe.object_merge import Merged, merge_regions
+from tilepipe.object_parameters import ObjectParameters, object_parameters
+from tilepipe.options import RunOptions
+from tilepipe.passes import Pass, Progress, Silent, StateArray
+from tilepipe.planning import Plan, plan_passes
+from tilepipe.raster import Raster, open_raster
+from tilepipe.run import STATE, Record, Run, absolute_name, open_run
+from tilepipe_kernels.quadtree import LARGEST_SIDE
+
+_PER_MEGAPIXEL = 100_000 * 250
+"""Leaves of a city at half a metre, and what graph, sampler and tables hold of each in bytes: 250 were measured."""
+
+TABLES = ("objects", "boundaries")
+CONVERGENCE = "convergence.json"
+
+
+def objects(
+    rasters: Sequence[Any] | Any,
+    out: str | Path,
+    *,
+    params: ObjectParameters | Mapping[str, Any] | None = None,
+    crs: str | None = None,
+    band: int | None = None,
+    options: RunOptions | None = None,
+    progress: Progress | None = None,
+) -> list[Path]:
+    """Find objects in lidar heights, and the probability of every boundary between them.
+
+    Parameters
+    ----------
+    rasters
+        Heights (DSM) in the linear unit of their CRS: one or many paths (GeoTIFF, COG, VRT, Zarr) or xarray arrays,
+        one mosaic.
+    out
+        Folder of the run; receives ``regions.tif``, ``objects.parquet``, ``boundaries.parquet``, ``convergence.json``
+        (diagnostics of the sampler; a warning says when it has not converged) and ``run.toml``.
+    params
+        Parameters of the method.
+    crs
+        ``EPSG:n`` for inputs that name no CRS.
+    band
+        Band to use where a raster has several.
+    options
+        Tiles, workers, memory: how, not what; and the seed of the sampler.
+    progress
+        Told about the progress.
+
+    Returns
+    -------
+    list of Path
+        The published layers.
+
+    Raises
+    ------
+    InputError
+        When an input or a parameter cannot be used.
+    TileError
+        When tiles failed; the finished ones are kept for the next try.
+    """
+    job = _prepare(rasters, params, crs, band, options)
+    job.plan().check(job.options)
+    with open_run(Path(out).absolute(), job.record(out), job.identity(), job.options, progress or Silent()) as run:
+        leaves = job.reconcile(run, run.run_pass(job.leaves_pass(run.state)))
+        merged = job.merge(run, leaves)
+        tracing = job.borders_pass(run.state, leaves)
+        with run.beside(job.write_raster, run, tracing.context) as raster:
+            borders = run.run_pass(tracing)
+            tables = job.write_tables(run, borders, leaves, merged)
+            layers = [raster.result(), *tables, job.write_convergence(run, merged)]
+        run.publish(layers, job.record(out), keep=_all_names())
+        return [run.folder / layer.name for layer in layers]
+
+
+def plan_objects(
+    rasters: Sequence[Any] | Any,
+    *,
+    params: ObjectParameters | Mapping[str, Any] | None = None,
+    crs: str | None = None,
+    band: int | None = None,
+    options: RunOptions | None = None,
+) -> Plan:
+    """Tiles, passes, halos and memory of a run, before any work; arguments and errors as for `objects`."""
+    return _prepare(rasters, params, crs, band, options).plan()
+
+
+def pass_sizes(record: Record) -> dict[str, int]:
+    """Number of tiles of each pass of an unfinished run, from its record."""
+    grid = TileGrid(tuple(record["raster"]["shape"]), tuple(record["raster"]["tile"]))
+    return dict.fromkeys(("leaves", "borders"), len(grid))
+
+
+def _all_names() -> tuple[str, ...]:
+    tables = [f"{name}.{suffix}" for name in TABLES for suffix in ("parquet", "gpkg", "fgb", "geojson")]
+    return ("regions.tif", CONVERGENCE, *tables, "quicklook.png", "quicklook_detail.png", "report.html")
+
+
+def _prepare(rasters: Any, params: Any, crs: str | None, band: int | None, options: RunOptions | None) -> _Job:
+    """Open and check everything before any work."""
+    parameters = params if isinstance(params, ObjectParameters) else object_parameters(dict(params or {}))
+    items = list(rasters) if isinstance(rasters, (list, tuple)) else [rasters]
+    raster = open_raster(items, crs=crs, band=band)
+    job = _Job(raster, parameters, options or RunOptions(), crs, band)
+    _, largest = parameters.leaf_sides(job.resolution)
+    if largest > LARGEST_SIDE:
+        most = LARGEST_SIDE * job.resolution
+        raise InputError(f"parameter largest_leaf={parameters.largest_leaf:g}: at most {most:g} m at this resolution")
+    return job
+
+
+@dataclass(frozen=True)
+class _Job:
+    """A checked request: its tiling, its passes and its reconciliations."""
+
+    raster: Raster
+    parameters: ObjectParameters
+    options: RunOptions
+    crs: str | None
+    band: int | None
+
+    @property
+    def resolution(self) -> float:
+        return self.raster.geometry.resolution
+
+    @property
+    def grid(self) -> TileGrid:
+        """Tiles of whole largest leaves, so that no leaf is cut by a seam."""
+        _, largest = self.parameters.leaf_sides(self.resolution)
+        side = max(largest, self.options.tile // largest * largest)
+        return TileGrid(self.raster.shape, (side, side))
+
+    def labels(self, state: Path) -> StateArray:
+        return StateArray(state / "labels.zarr", self.grid, "int32")
+
+    def leaves_pass(self, state: Path) -> Pass:
+        labels = self.labels(state)
+        context = object_leaves.LeafContext(self.raster, self.parameters, self.grid, labels)
+        return Pass("leaves", object_leaves.find_leaves, context, self.grid, 0, {"labels": labels}, bytes_per_pixel=60)
+
+    def reconcile(self, run: Run, ledger: Ledger) -> Leaves:
+        """Leaves of the raster and their graph.
+
+        Raises
+        ------
+        InputError
+            When the raster holds only nodata.
+        """
+        with run.timed("reconcile leaves"):
+            leaves = reconcile_leaves(self.grid, ledger.all_facts(), self.parameters.split_deviation**2)
+            if not leaves.first.size:
+                raise InputError(
+                    f"{self.raster.names[0]}: holds nothing but nodata; check the file and its nodata value"
+                )
+            return leaves
+
+    def merge(self, run: Run, leaves: Leaves) -> Merged:
+        """Merged regions; their ids go to the state for the next pass."""
+        with run.timed("merge"):
+            merged = merge_regions(
+                leaves.graph,
+                leaves.first,
+                self.parameters,
+                resolution=self.resolution,
+                seed=self.options.seed,
+                workers=self.options.workers,
+                tell=run.progress,
+            )
+            np.save(run.state / "lookup.npy", leaves.lookup((merged.region + 1).astype(np.uint32)))
+            return merged
+
+    def borders_pass(self, state: Path, leaves: Leaves) -> Pass:
+        context = object_regions.RegionContext(
+            self.grid, self.labels(state), state / "lookup.npy", tuple(leaves.numbering.offsets.tolist())
+        )
+        return Pass("borders", object_regions.trace_borders, context, self.grid, halo=1, bytes_per_pixel=40)
+
+    def write_raster(self, run: Run, context: object_regions.RegionContext) -> Path:
+        """Write ``regions.tif`` into the state folder."""
+        with run.timed("export raster"):
+            path = run.state / "regions.tif"
+            write_cog(path, partial(context.read), "uint32", self.raster.geometry, nodata=0, threads=1)
+            return path
+
+    def write_tables(self, run: Run, borders: Ledger, leaves: Leaves, merged: Merged) -> list[Path]:
+        """Write the tables into the state folder."""
+        with run.timed("polygons"):
+            simplification = self.parameters.simplification
+            paths = object_regions.write_tables(
+                run.state, borders, leaves, merged, self.raster.geometry, simplification
+            )
+        with run.timed("convert"):
+            form = self.options.format
+            return paths if form == "parquet" else [convert(path, form) for path in paths]
+
+    def write_convergence(self, run: Run, merged: Merged) -> Path:
+        """Write the sampler's diagnostics into the state folder; warn when it has not converged."""
+        found = diagnose(merged.first, fixed_variance=self.parameters.variance is not None)
+        if (text := warning(found)) is not None:
+            warnings.warn(text, stacklevel=3)
+        path = run.state / CONVERGENCE
+        path.write_text(as_text(found))
+        return path
+
+    def plan(self) -> Plan:
+        """What a run will do and need."""
+        nowhere = Path(STATE)
+        nothing = object_regions.RegionContext(self.grid, self.labels(nowhere), nowhere, ())
+        borders = Pass("borders", object_regions.trace_borders, nothing, self.grid, halo=1, bytes_per_pixel=40)
+        return plan_passes("objects", self.raster, [self.leaves_pass(nowhere), borders], self.options, _PER_MEGAPIXEL)
+
+    def identity(self) -> Record:
+        """Everything that decides the state on disk."""
+        sources = [member.source for member in self.raster.members]
+        return {
+            "command": "objects",
+            "version": __version__,
+            "sources": [f"{absolute_name(source.name)} {source.stamp}" for source in sources],
+            "raster": asdict(self.raster.geometry) | {"tile": list(self.grid.tile_shape), "band": self.band},
+            "parameters": self.parameters.model_dump(),
+            "seed": self.options.seed,
+        }
+
+    def record(self, out: str | Path) -> Record:
+        """Everything as resolved, for ``run.toml``."""
+        options = asdict(self.options)
+        options.pop("overwrite")
+        return {
+            "command": "objects",
+            "version": __version__,
+            "out": str(Path(out).absolute()),
+            "inputs": {
+                "rasters": [absolute_name(name) for name in self.raster.names],
+                "crs": self.crs,
+                "band": self.band,
+            },
+            "raster": asdict(self.raster.geometry) | {"tile": list(self.grid.tile_shape)},
+            "options": options,
+            "parameters": self.parameters.model_dump(),
+        }
