@@ -91,26 +91,28 @@ def merge_regions(
     if sampler.variance is None:
         sampler = replace(sampler, variance=float(first.noise.mean()))
     region, probability = np.arange(sites.size, dtype=np.int32), posterior.same.astype(np.float32)
-    rounds = 0
-    while rounds < parameters.merge_rounds:
+    rounds, settled = 0, False
+    while True:
         before = graph
         graph, number, source = merge_best(before, probability, parameters.merge_probability)
-        if graph.statistics.count.size == before.statistics.count.size:
-            break
-        rounds += 1
-        moved = _moved(before, graph, number, parameters.merge_height)[before.edges[source]]
-        stale = moved[:, 0] | moved[:, 1]
-        region, sites, probability = number[region], _lowest(sites, number), probability[source]
-        sampler.resample(graph, sites, probability, stale, rounds)
+        if graph.statistics.count.size < before.statistics.count.size and rounds < parameters.merge_rounds:
+            rounds, settled = rounds + 1, False
+            moved = _moved(before, graph, number, parameters.merge_height)[before.edges[source]]
+            region, sites, probability = number[region], _lowest(sites, number), probability[source]
+            sampler.resample(graph, sites, probability, moved[:, 0] | moved[:, 1], rounds)
+        elif settled:
+            if tell is not None:
+                tell("merge", rounds, rounds)
+            return Merged(region, before, probability, posterior.mean, posterior.sd, first, rounds)
+        else:
+            # what small regions have joined may be one with its neighbours now, so that merging goes on after them
+            graph, number = join_small(before, parameters.minimum_area / resolution**2)
+            region, sites = number[region], _lowest(sites, number)
+            posterior = sampler.sample(graph, sites, share=1, round=parameters.merge_rounds + 1 + rounds)
+            assert posterior.same is not None
+            probability, settled = posterior.same.astype(np.float32), True
         if tell is not None:
             tell("merge", rounds, rounds + 1)
-    graph, number = join_small(graph, parameters.minimum_area / resolution**2)
-    region, sites = number[region], _lowest(sites, number)
-    posterior = sampler.sample(graph, sites, share=1, round=rounds + 1)
-    assert posterior.same is not None
-    if tell is not None:
-        tell("merge", rounds + 1, rounds + 1)
-    return Merged(region, graph, posterior.same.astype(np.float32), posterior.mean, posterior.sd, first, rounds)
 
 
 def _lowest(sites: NDArray[np.int64], number: NDArray[np.int32]) -> NDArray[np.int64]:

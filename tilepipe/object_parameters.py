@@ -43,7 +43,7 @@ class ObjectParameters(BaseModel):
 
     # polygons
     minimum_area: float = Field(4.0, ge=0, description="smaller regions join their most similar neighbour (m²)")
-    simplification: float = Field(0.5, ge=0, description="tolerance of the borders' vertices (m); 0 = pixel steps")
+    simplification: float = Field(0.75, ge=0, description="tolerance of the borders' vertices (m); 0 = pixel steps")
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
