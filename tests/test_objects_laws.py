@@ -120,3 +120,17 @@ def test_refusals(scene: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="largest_leaf"):
         objects(scene, out=tmp_path / "run", params={"largest_leaf": 10_000})
     assert "leaves" in plan_objects(scene).text()
+
+
+def test_pictures_are_drawn(scene: Path, tmp_path: Path) -> None:
+    from PIL import Image
+
+    from tilepipe.object_quicklook import object_pictures
+
+    objects(scene, out=tmp_path / "run", params=FEW)
+    for path in object_pictures(tmp_path / "run"):
+        with Image.open(path) as picture:
+            assert min(picture.size) >= 900
+            assert len(picture.convert("RGB").getcolors(1 << 24)) > 20
+    with pytest.raises(InputError, match=r"regions\.tif"):
+        object_pictures(tmp_path)

@@ -342,10 +342,11 @@ def evaluate(
 
 @app.command()
 def report(folder: Annotated[Path, typer.Argument(help="Folder of a finished run.")]) -> None:
-    """Draw quick-look pictures and a map page of a run."""
+    """Draw quick-look pictures of a run, and of streets a map page."""
+    from tilepipe.object_quicklook import object_pictures
     from tilepipe.report import report
 
-    for path in report(folder):
+    for path in object_pictures(folder) if (folder / "regions.tif").is_file() else report(folder):
         print(path)
 
 

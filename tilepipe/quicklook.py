@@ -273,9 +273,9 @@ def _draw(run: StreetsRun, bounds: Bounds, name: str, title: str, facts: str, fr
     left = (canvas_width - width) / 2 / canvas_width
     axes = figure.add_axes((left, _FOOTER / canvas_height, width / canvas_width, height / canvas_height))
     _draw_map(axes, run, bounds, (height, width), frame)
-    _write_header(figure, left, canvas_height, title, facts)
+    write_header(figure, left, canvas_height, title, facts)
     _draw_legend(figure, axes)
-    _draw_scale_bar(figure, left + width / canvas_width, width / canvas_width, bounds, run.metres)
+    draw_scale_bar(figure, left + width / canvas_width, width / canvas_width, bounds, run.metres)
     with written_aside(run.folder / name) as aside:
         figure.savefig(aside, dpi=_DPI, metadata={"Software": None})
     return run.folder / name
@@ -322,7 +322,8 @@ def _vertices(line: Any) -> list[NDArray[np.float64]]:
     return [shapely.get_coordinates(part) for part in shapely.get_parts(line)]
 
 
-def _write_header(figure: Figure, left: float, height: int, title: str, facts: str) -> None:
+def write_header(figure: Figure, left: float, height: int, title: str, facts: str) -> None:
+    """Write title and facts above a map that begins at ``left`` (figure fraction); ``height`` in pixels."""
     figure.text(left, 1 - 46 / height, title, fontsize=20, fontweight="bold", color=INK, va="center")
     figure.text(left, 1 - 82 / height, facts, fontsize=11.5, color="#57606f", va="center")
 
@@ -352,7 +353,7 @@ def _draw_legend(figure: Figure, axes: Axes) -> None:
     )
 
 
-def _draw_scale_bar(figure: Figure, right: float, map_width: float, bounds: Bounds, metres: float) -> None:
+def draw_scale_bar(figure: Figure, right: float, map_width: float, bounds: Bounds, metres: float) -> None:
     """Draw a two-part bar of a round number of metres, ending at `right` (figure fraction)."""
     from matplotlib.patches import Rectangle
 

@@ -1,0 +1,151 @@
+"""Pictures of an ``objects`` run: regions coloured by their height, and their borders by probability."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tilepipe.aside import written_aside
+from tilepipe.errors import InputError
+from tilepipe.quicklook import INK, Bounds, draw_scale_bar, write_header
+
+if TYPE_CHECKING:
+    from geopandas import GeoDataFrame
+    from matplotlib.axes import Axes
+
+_DPI = 100
+_LONGEST_SIDE = 1500
+_MARGIN, _HEADER, _FOOTER, _BAR = 40, 110, 80, 110
+_DETAIL_PIXELS = 400
+_MOST_BORDERS = 60_000
+HEIGHT_COLOURS, BORDER_COLOURS = "viridis", "plasma"
+
+
+def object_pictures(run_dir: str | os.PathLike[str]) -> list[Path]:
+    """Draw a finished ``objects`` run as ``quicklook.png`` and ``quicklook_detail.png`` into its folder.
+
+    The first shows the whole raster, the second a part at full resolution with the borders.
+
+    Raises
+    ------
+    InputError
+        The folder is not that of a finished run.
+    """
+    import rasterio
+
+    from tilepipe.evaluate import POLYGONS, metres_per_unit, read_vectors, run_table
+
+    folder = Path(run_dir)
+    objects, borders = run_table(folder, "objects"), run_table(folder, "boundaries")
+    raster = folder / "regions.tif"
+    if objects is None or borders is None or not raster.is_file():
+        raise InputError(f"{folder} holds no regions.tif with objects; give the folder of a finished objects run")
+    with rasterio.open(raster) as regions:
+        bounds: Bounds = tuple(regions.bounds)
+        pixel, shape, crs = regions.res[0], (regions.height, regions.width), regions.crs
+    metres = metres_per_unit(crs, str(raster))
+    table, lines = read_vectors(objects, "result", POLYGONS).to_crs(crs), read_vectors(borders, "result").to_crs(crs)
+    heights = np.full(int(table["region_id"].max()) + 1, np.nan)
+    heights[table["region_id"].to_numpy()] = table["posterior_mean"].to_numpy()
+    facts = (
+        f"{len(table):,} regions   |   {shape[1]:,} × {shape[0]:,} pixels of {pixel * metres:.2f} m   |   "
+        f"{table.crs.name}"
+    )
+    title = f"Objects: {folder.resolve().name}"
+    whole = _draw(folder / "quicklook.png", raster, heights, None, bounds, pixel, metres, title, facts)
+    window = _amid_borders(bounds, pixel, lines)
+    facts = f"borders of two regions   |   {table.crs.name}"
+    name = folder / "quicklook_detail.png"
+    return [whole, _draw(name, raster, heights, lines, window, pixel, metres, f"{title}, detail", facts)]
+
+
+def _amid_borders(bounds: Bounds, pixel: float, borders: GeoDataFrame) -> Bounds:
+    """At most `_DETAIL_PIXELS` a side around the median of the borders."""
+    boxes = borders.geometry.bounds.to_numpy()
+    window = []
+    for axis in (0, 1):
+        side = min(_DETAIL_PIXELS * pixel, bounds[axis + 2] - bounds[axis])
+        middle = float(np.median(boxes[:, [axis, axis + 2]])) if len(boxes) else bounds[axis]
+        window.append((np.clip(middle - side / 2, bounds[axis], bounds[axis + 2] - side), side))
+    (left, wide), (bottom, high) = window
+    return float(left), float(bottom), float(left + wide), float(bottom + high)
+
+
+def _region_heights(
+    raster: Path, heights: NDArray[np.float64], bounds: Bounds, shape: tuple[int, int]
+) -> NDArray[np.float64]:
+    """Posterior mean of the region at each pixel of a picture, NaN at nodata."""
+    import rasterio
+    from rasterio.enums import Resampling
+    from rasterio.windows import from_bounds
+
+    with rasterio.open(raster) as regions:
+        window = from_bounds(*bounds, transform=regions.transform)
+        ids = regions.read(1, window=window, out_shape=shape, resampling=Resampling.nearest)
+    shown: NDArray[np.float64] = heights[ids]
+    return shown
+
+
+def _draw(
+    path: Path,
+    raster: Path,
+    heights: NDArray[np.float64],
+    borders: GeoDataFrame | None,
+    bounds: Bounds,
+    pixel: float,
+    metres: float,
+    title: str,
+    facts: str,
+) -> Path:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    rows, columns = (round(side / pixel) for side in (bounds[3] - bounds[1], bounds[2] - bounds[0]))
+    scale = _LONGEST_SIDE / max(rows, columns)
+    if borders is None:
+        scale = min(scale, max(1.0, 1000 / max(rows, columns)))
+    height, width = max(round(rows * scale), 1), max(round(columns * scale), 1)
+    wide, high = max(width + 2 * _MARGIN + _BAR, 1000), height + _HEADER + _FOOTER
+    figure = Figure(figsize=(wide / _DPI, high / _DPI), dpi=_DPI, facecolor="white")
+    FigureCanvasAgg(figure)
+    left = (wide - width - _BAR) / 2 / wide
+    axes = figure.add_axes((left, _FOOTER / high, width / wide, height / high))
+    values = _region_heights(raster, heights, bounds, (height, width))
+    known = values[np.isfinite(values)]
+    low, top = np.percentile(known, (2, 98)) if known.size else (0.0, 1.0)
+    extent = (bounds[0], bounds[2], bounds[1], bounds[3])
+    picture = axes.imshow(
+        values, cmap=HEIGHT_COLOURS, vmin=low, vmax=top, extent=extent, aspect="auto", interpolation="nearest"
+    )
+    drawn: Any = picture
+    label = "height of the region (m)"
+    if borders is not None:
+        picture.set_alpha(0.45)
+        drawn, label = _draw_borders(axes, borders, bounds), "probability that both sides are one object"
+    axes.set(xlim=(bounds[0], bounds[2]), ylim=(bounds[1], bounds[3]), xticks=[], yticks=[])
+    write_header(figure, left, high, title, facts)
+    bar = figure.add_axes((left + (width + 24) / wide, _FOOTER / high, 16 / wide, min(height, 500) / high))
+    figure.colorbar(drawn, cax=bar, label=label).outline.set_edgecolor(INK)
+    draw_scale_bar(figure, left + width / wide, width / wide, bounds, metres)
+    with written_aside(path) as aside:
+        figure.savefig(aside, dpi=_DPI, metadata={"Software": None})
+    return path
+
+
+def _draw_borders(axes: Axes, borders: GeoDataFrame, bounds: Bounds) -> Any:
+    """Borders of two regions in a window, coloured by the probability that they part nothing."""
+    import shapely
+    from matplotlib.collections import LineCollection
+
+    inside = borders[borders["probability_one_object"].notna()].cx[bounds[0] : bounds[2], bounds[1] : bounds[3]]
+    inside = inside.iloc[:_MOST_BORDERS]
+    lines = [shapely.get_coordinates(line) for line in inside.geometry]
+    drawn = LineCollection(lines, cmap=BORDER_COLOURS, linewidths=1.6, capstyle="round")
+    drawn.set_array(inside["probability_one_object"].to_numpy())
+    drawn.set_clim(0, 0.5)
+    axes.add_collection(drawn)
+    return drawn
