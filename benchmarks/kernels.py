@@ -6,7 +6,7 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-from benchmarks import clouds, engine, lines, skeletons, smoothing
+from benchmarks import clouds, engine, lines, skeletons, smoothing, surfaces
 from benchmarks.harness import Case, Measurement, measure
 from benchmarks.machine import BUSY, Machine, describe_machine
 from benchmarks.scenes import Scene
@@ -30,6 +30,10 @@ def cases(size: int, engine_size: int, scratch: Path, only: str = "") -> Iterato
         lambda: skeletons.pruning_case(scene),
         lambda: clouds.gridding_case(size, "nearest"),
         lambda: clouds.gridding_case(size, "mean"),
+        lambda: surfaces.quadtree_case(scene),
+        lambda: surfaces.contacts_case(scene),
+        lambda: surfaces.sampler_case(scene),
+        lambda: surfaces.polygons_case(scene),
         lambda: engine.engine_case(scene, engine_size, scratch),
     )
     for make in makers:
