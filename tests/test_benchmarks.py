@@ -32,7 +32,7 @@ def test_every_case_of_ours_runs_on_a_tiny_scene(tmp_path: Path, monkeypatch: py
     measured = run_kernels(
         size=192, engine_size=192, repetitions=1, peers=False, scratch=tmp_path, results=tmp_path / "results"
     )
-    assert len(measured) == 11
+    assert len(measured) == 15
     for case, measurements in measured:
         ours = [m for m in measurements if m.contestant.ours]
         assert ours and all(m.rate(case) > 0 and m.rate(case, one_core=True) > 0 for m in ours)
