@@ -27,7 +27,7 @@ SWEEPS = 20
 
 @cache
 def _ticks(size: int) -> NDArray[np.int32]:
-    return to_ticks(render(City(rows=size, columns=size), "height").astype(np.float32), 1.0)
+    return to_ticks(render(City(rows=size, columns=size), "height").astype(np.float32), 1.0)[0]
 
 
 @cache

@@ -263,7 +263,9 @@ def test_an_interruption_is_one_line_and_130(tell, monkeypatch, capsys, scene, t
 def test_an_interrupted_process_ends_with_one_line(scene, tmp_path):
     out = tmp_path / "run"
     command = [sys.executable, "-m", "tilepipe", "streets", scene, "--out", out, "--tile", "9", "--workers", "2"]
-    process = subprocess.Popen([*command, *SETTINGS, "--quiet"], stderr=subprocess.PIPE, text=True)
+    # long enough for the signal to find it at work
+    command += [*SETTINGS, "--set", "diffusion_steps=600", "--quiet"]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
     while not (out / STATE / "levels").exists() and process.poll() is None:
         time.sleep(0.02)
     process.send_signal(signal.SIGINT)

@@ -119,7 +119,21 @@ def test_refusals(scene: Path, tmp_path: Path) -> None:
         objects(scene, out=tmp_path / "run", params={"merge_heigth": 1})
     with pytest.raises(InputError, match="largest_leaf"):
         objects(scene, out=tmp_path / "run", params={"largest_leaf": 10_000})
+    with pytest.raises(InputError, match="seed -1"):
+        RunOptions(seed=-1)
     assert "leaves" in plan_objects(scene).text()
+
+
+def test_what_is_no_height_is_said(tmp_path: Path) -> None:
+    heights = roofs()
+    heights[5:9, 5:9] = 1e9
+    scene = write_raster(tmp_path / "dsm.tif", heights)
+    with pytest.warns(UserWarning, match="16 pixels hold no possible height"):
+        objects(scene, out=tmp_path / "run", params={"draws": 4, "variance": 0.01})
+    heights[5:9, 5:9] = -9999
+    scene = write_raster(tmp_path / "dsm.tif", heights)
+    with pytest.warns(UserWarning, match="heights from -9,999 to"):
+        objects(scene, out=tmp_path / "other", params=FEW)
 
 
 def test_pictures_are_drawn(scene: Path, tmp_path: Path) -> None:

@@ -20,6 +20,9 @@ TICKS_PER_METRE = 1000
 
 MISSING = -(1 << 31)
 
+_FARTHEST = 30_000
+"""No height lies farther from zero, in metres."""
+
 SUMMED = ("count", "total", "squares")
 """Columns of a leaf that are sums over its pixels."""
 
@@ -39,17 +42,24 @@ class LeafContext:
         return self.parameters.leaf_sides(self.raster.geometry.resolution)
 
 
-def to_ticks(heights: NDArray[np.float32], metres: float) -> NDArray[np.int32]:
-    """Heights in a unit of ``metres`` as whole millimetres; NaN becomes `MISSING`."""
+def to_ticks(heights: NDArray[np.float32], metres: float, largest_leaf: int = 1) -> tuple[NDArray[np.int32], int]:
+    """Heights in a unit of ``metres`` as whole millimetres, NaN as `MISSING`; and how many were none.
+
+    What is farther than 30 km from zero, or than leaves of ``largest_leaf`` pixels can add up, is no height: it
+    becomes `MISSING` as well and is counted.
+    """
     scaled = np.rint(heights.astype(np.float64) * (metres * TICKS_PER_METRE))
-    return np.where(np.isnan(scaled), MISSING, scaled).astype(np.int32)
+    most = min(_FARTHEST * TICKS_PER_METRE, quadtree.REACH // largest_leaf)
+    absurd = np.abs(scaled) > most
+    ticks = np.where(absurd | np.isnan(scaled), MISSING, scaled).astype(np.int32)
+    return ticks, int(np.count_nonzero(absurd))
 
 
 def find_leaves(context: LeafContext, tile: Tile) -> Facts:
     """Tile function (halo 0): facts are the leaves, their contacts, and the labels along the seams."""
     core = tile.core
-    ticks = to_ticks(context.raster.read(core), context.raster.geometry.metres)
     smallest, largest = context.sides
+    ticks, absurd = to_ticks(context.raster.read(core), context.raster.geometry.metres, largest)
     threshold = (context.parameters.split_deviation * TICKS_PER_METRE) ** 2
     labels, leaves = quadtree.split(
         ticks, threshold=threshold, smallest=smallest, largest=largest, origin=(core.top, core.left)
@@ -60,4 +70,5 @@ def find_leaves(context: LeafContext, tile: Tile) -> Facts:
     facts["first"] = (row + core.top) * context.grid.shape[1] + column + core.left
     lowest, highest = extremes.label_extremes(labels, ticks, leaves.first.size)
     facts |= {"edges": edges, "length": length, "lowest": lowest, "highest": highest}
+    facts["absurd"] = np.array([absurd])
     return facts | write_state({"labels": context.labels}, tile, {"labels": labels}) | edge_facts("label", labels)

@@ -146,7 +146,7 @@ class _Sampler:
         return sample(
             CarModel(offsets, neighbours, weights, s.count, s.mean, s.spread),
             burn_in=-(-p.burn_in // share),
-            draws=-(-p.draws // share),
+            draws=max(2, -(-p.draws // share)),
             thinning=p.thinning,
             seed=self.seed + round,
             fixed_variance=self.variance if self.variance is not None else p.variance,

@@ -31,6 +31,9 @@ from tilepipe_kernels.quadtree import LARGEST_SIDE
 _PER_MEGAPIXEL = 100_000 * 250
 """Leaves of a city at half a metre, and what graph, sampler and tables hold of each in bytes: 250 were measured."""
 
+_PLAUSIBLE = -500.0, 9000.0
+"""Heights on land in metres."""
+
 TABLES = ("objects", "boundaries")
 CONVERGENCE = "convergence.json"
 
@@ -166,12 +169,25 @@ class _Job:
             When the raster holds only nodata.
         """
         with run.timed("reconcile leaves"):
-            leaves = reconcile_leaves(self.grid, ledger.all_facts(), self.parameters.split_deviation**2)
+            facts = ledger.all_facts()
+            leaves = reconcile_leaves(self.grid, facts, self.parameters.split_deviation**2)
             if not leaves.first.size:
                 raise InputError(
                     f"{self.raster.names[0]}: holds nothing but nodata; check the file and its nodata value"
                 )
+            self._warn_of_heights(leaves, sum(int(found["absurd"][0]) for found in facts))
             return leaves
+
+    def _warn_of_heights(self, leaves: Leaves, absurd: int) -> None:
+        """Say what heights can hardly be meant: another unit, or a nodata value that nobody has declared."""
+        name, advice = self.raster.names[0], "check the unit of the heights and the nodata value"
+        if absurd:
+            warnings.warn(
+                f"{name}: {absurd:,} pixels hold no possible height and count as nodata; {advice}", stacklevel=4
+            )
+        low, high = float(leaves.lowest.min()), float(leaves.highest.max())
+        if low < _PLAUSIBLE[0] or high > _PLAUSIBLE[1]:
+            warnings.warn(f"{name}: heights from {low:,.0f} to {high:,.0f} m; {advice}", stacklevel=4)
 
     def merge(self, run: Run, leaves: Leaves) -> Merged:
         """Merged regions; their ids go to the state for the next pass."""

@@ -79,6 +79,8 @@ class RunOptions:
             raise InputError(f"tile size {self.tile} is too small: use at least 1, better 1024 or more")
         if self.workers < 1:
             raise InputError(f"{self.workers} workers cannot work: use at least 1")
+        if not 0 <= self.seed < 1 << 62:
+            raise InputError(f"seed {self.seed} cannot be used: take a number from 0 to 2^62")
         if self.backend not in ("auto", "numpy", "cupy"):
             raise InputError(f"backend '{self.backend}' is unknown: use auto, numpy or cupy")
         if self.backend == "cupy":
