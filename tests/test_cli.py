@@ -187,7 +187,7 @@ def test_a_record_of_ones_own_needs_the_inputs_only(tell, tmp_path, scene):
     record.write_text(f'command = "streets"\n[inputs]\nrasters = ["{scene}"]\n')
     assert tell("plan", record)[1].startswith("streets: 90 × 110")
     code, _, error = tell("run", record)
-    assert (code, error) == (2, "tilepipe: error: the record names no folder: give --out\n")
+    assert (code, error) == (2, "tilepipe: error: no folder for the run is named: give --out FOLDER\n")
 
 
 @pytest.mark.parametrize(

@@ -181,12 +181,14 @@ def _run_record(record: dict[str, Any], *, overwrite: bool, quiet: bool, plan_on
     }
     if command == "streets":
         arguments["height"] = inputs.get("heights") or None
+    elif inputs.get("heights"):
+        raise InputError(f"the record's inputs name 'heights', which {command} does not take; put them in 'rasters'")
     if plan_only:
         print(getattr(pipeline, f"plan_{command}")(inputs.get("rasters", []), **arguments).text())
         return
     out = Path(record.get("out", ""))
     if not record.get("out"):
-        raise InputError("the record names no folder: give --out")
+        raise InputError("no folder for the run is named: give --out FOLDER")
     # a warning is one line for people here, as an error is
     warnings.showwarning = lambda message, *_, **__: print(f"tilepipe: warning: {message}", file=sys.stderr)
     with progress_bars(quiet) as progress:

@@ -75,9 +75,10 @@ class Plan:
         """
         if self.memory <= options.memory:
             return
+        fewer = f", or fewer workers than {self.workers}" if self.workers > 1 else ""
         raise InputError(
             f"the run needs about {format_memory(self.memory)} but --memory is {format_memory(options.memory)}; "
-            f"use a larger --memory, a smaller --tile than {options.tile}, or fewer workers than {self.workers}"
+            f"use a larger --memory or a smaller --tile than {options.tile}{fewer}"
         )
 
     def text(self) -> str:
