@@ -119,16 +119,63 @@ def contract(graph: RegionGraph, number: NDArray[np.int32], regions: int) -> tup
     Returns the new graph and for each of its edges the first old one that it is made of.
     """
     statistics = pooled(graph.statistics, number, regions)
-    ends = number[graph.edges]
-    ends.sort(axis=1)
-    apart = ends[:, 0] != ends[:, 1]
-    keys = (ends[apart, 0].astype(np.int64) << 32) | ends[apart, 1]
-    order = np.argsort(keys, kind="stable")
-    keys, length = keys[order], graph.length[apart][order]
-    first = np.flatnonzero(np.diff(keys, prepend=-1))
-    edges = np.stack([keys[first] >> 32, keys[first] & 0xFFFFFFFF], axis=1).astype(np.int32)
-    length = np.add.reduceat(length, first) if first.size else length[:0]
-    return RegionGraph(statistics, edges, length), np.flatnonzero(apart)[order][first]
+    lower, upper, source = _apart(graph.edges, number)
+    order = _sorted(lower, _sorted(upper, np.arange(lower.size), regions), regions)
+    edges, length, source = _united(lower, upper, source, order, graph.length)
+    return RegionGraph(statistics, edges, length), source
+
+
+@loop
+def _apart(edges: Edges, number: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int64]]:
+    """New ends of the edges that do not vanish, the lower and the upper one, and which edges these are."""
+    count = 0
+    for edge in range(edges.shape[0]):
+        count += number[edges[edge, 0]] != number[edges[edge, 1]]
+    lower, upper, source = np.empty(count, np.int32), np.empty(count, np.int32), np.empty(count, np.int64)
+    at = 0
+    for edge in range(edges.shape[0]):
+        a, b = number[edges[edge, 0]], number[edges[edge, 1]]
+        if a != b:
+            lower[at], upper[at], source[at] = min(a, b), max(a, b), edge
+            at += 1
+    return lower, upper, source
+
+
+@loop
+def _sorted(keys: NDArray[np.int32], order: NDArray[np.int64], largest: int) -> NDArray[np.int64]:
+    """Stable counting sort of an order by keys 0 … ``largest`` - 1."""
+    starts = np.zeros(largest + 1, np.int64)
+    for key in keys:
+        starts[key + 1] += 1
+    for key in range(largest):
+        starts[key + 1] += starts[key]
+    result = np.empty_like(order)
+    for item in order:
+        result[starts[keys[item]]] = item
+        starts[keys[item]] += 1
+    return result
+
+
+@loop
+def _united(
+    lower: NDArray[np.int32],
+    upper: NDArray[np.int32],
+    source: NDArray[np.int64],
+    order: NDArray[np.int64],
+    length: NDArray[np.int64],
+) -> tuple[Edges, NDArray[np.int64], NDArray[np.int64]]:
+    """Each edge of a sorted list once, with the sum of its borders and the first old edge."""
+    edges = np.empty((order.size, 2), np.int32)
+    total, first = np.empty(order.size, np.int64), np.empty(order.size, np.int64)
+    found = 0
+    for item in order:
+        a, b = lower[item], upper[item]
+        if found == 0 or edges[found - 1, 0] != a or edges[found - 1, 1] != b:
+            edges[found, 0], edges[found, 1] = a, b
+            total[found], first[found] = 0, source[item]
+            found += 1
+        total[found - 1] += length[source[item]]
+    return edges[:found].copy(), total[:found].copy(), first[:found].copy()
 
 
 def induced(graph: RegionGraph, kept: NDArray[np.bool_]) -> tuple[RegionGraph, NDArray[np.int64]]:
