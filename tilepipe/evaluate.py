@@ -184,15 +184,10 @@ def evaluate(
         A file is missing or unreadable, holds no lines (area: polygons), or names no CRS; the result's CRS is
         geographic; the truth is empty.
     """
-    import shapely
-
     result = read_vectors(result_file(Path(result_path)), "result")
     metres = metres_per_unit(result.crs, str(result_path))
     truth = read_vectors(Path(truth_path), "truth").to_crs(result.crs)
-    area = None
-    if area_path is not None:
-        polygons = read_vectors(Path(area_path), "area", POLYGONS).to_crs(result.crs)
-        area = shapely.union_all(in_metres(shapely.make_valid(polygons.geometry.to_numpy()), metres))
+    area = None if area_path is None else read_area(Path(area_path), result.crs, metres)
     return evaluate_lines(
         in_metres(result.geometry.to_numpy(), metres),
         in_metres(truth.geometry.to_numpy(), metres),
@@ -200,6 +195,14 @@ def evaluate(
         area=area,
         direction_tolerance=direction_tolerance,
     )
+
+
+def read_area(path: Path, crs: Any, metres: float) -> Any:
+    """Union of a file's polygons in metres, reprojected to ``crs``, whose unit has so many metres."""
+    import shapely
+
+    polygons = read_vectors(path, "area", POLYGONS).to_crs(crs)
+    return shapely.union_all(in_metres(shapely.make_valid(polygons.geometry.to_numpy()), metres))
 
 
 def metres_per_unit(crs: Any, name: str) -> float:

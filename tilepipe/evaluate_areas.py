@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tilepipe.errors import InputError
-from tilepipe.evaluate import POLYGONS, in_metres, metres_per_unit, read_vectors, result_file
+from tilepipe.evaluate import POLYGONS, in_metres, metres_per_unit, read_area, read_vectors, result_file
 from tilepipe.matching import lengths, segments
 
 if TYPE_CHECKING:
@@ -273,8 +273,6 @@ def evaluate_areas(
         A file is missing or unreadable, holds no polygons, or names no CRS; a CRS is geographic; the two CRS
         differ; the truth is empty.
     """
-    import shapely
-
     result = read_vectors(result_file(Path(result_path)), "result", POLYGONS)
     truth = read_vectors(Path(truth_path), "truth", POLYGONS)
     metres = metres_per_unit(result.crs, str(result_path))
@@ -284,10 +282,7 @@ def evaluate_areas(
             f"{result_path} is in {result.crs.name} and {truth_path} in {truth.crs.name}; "
             "reproject one to the CRS of the other"
         )
-    area = None
-    if area_path is not None:
-        polygons = read_vectors(Path(area_path), "area", POLYGONS).to_crs(result.crs)
-        area = shapely.union_all(in_metres(shapely.make_valid(polygons.geometry.to_numpy()), metres))
+    area = None if area_path is None else read_area(Path(area_path), result.crs, metres)
     return evaluate_polygons(
         in_metres(result.geometry.to_numpy(), metres),
         in_metres(truth.geometry.to_numpy(), metres),

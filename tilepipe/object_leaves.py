@@ -18,8 +18,6 @@ from tilepipe_kernels import adjacency, extremes, quadtree
 TICKS_PER_METRE = 1000
 """Heights are counted in millimetres, so that all sums are exact and do not depend on the tiling."""
 
-MISSING = -(1 << 31)
-
 _FARTHEST = 30_000
 """No height lies farther from zero, in metres."""
 
@@ -43,15 +41,15 @@ class LeafContext:
 
 
 def to_ticks(heights: NDArray[np.float32], metres: float, largest_leaf: int = 1) -> tuple[NDArray[np.int32], int]:
-    """Heights in a unit of ``metres`` as whole millimetres, NaN as `MISSING`; and how many were none.
+    """Heights in a unit of ``metres`` as whole millimetres, NaN as `quadtree.MISSING`; and how many were none.
 
     What is farther than 30 km from zero, or than leaves of ``largest_leaf`` pixels can add up, is no height: it
-    becomes `MISSING` as well and is counted.
+    becomes missing as well and is counted.
     """
     scaled = np.rint(heights.astype(np.float64) * (metres * TICKS_PER_METRE))
     most = min(_FARTHEST * TICKS_PER_METRE, quadtree.REACH // largest_leaf)
     absurd = np.abs(scaled) > most
-    ticks = np.where(absurd | np.isnan(scaled), MISSING, scaled).astype(np.int32)
+    ticks = np.where(absurd | np.isnan(scaled), quadtree.MISSING, scaled).astype(np.int32)
     return ticks, int(np.count_nonzero(absurd))
 
 

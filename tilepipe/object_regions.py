@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,7 @@ from tilepipe.passes import StateArray
 from tilepipe.polygons import assemble_polygons
 from tilepipe.relabel import read_relabelled
 from tilepipe_kernels import arcs as arc_kernel
+from tilepipe_kernels.merging import pooled
 
 OBJECT_COLUMNS: dict[str, str] = {
     "region_id": "int64",
@@ -126,13 +127,11 @@ def _object_columns(
 
     region, at = merged.region, ids - 1
     regions = merged.mean.size
-    count, mean = leaves.graph.statistics.count, leaves.graph.statistics.mean
+    # with the leaves' true spreads, where the graph has limited ones
+    own = pooled(replace(leaves.graph.statistics, spread=leaves.spread), region, regions)
     lowest, highest = np.full(regions, np.inf, np.float32), np.full(regions, -np.inf, np.float32)
     np.minimum.at(lowest, region, leaves.lowest)
     np.maximum.at(highest, region, leaves.highest)
-    total = np.bincount(region, count, regions)
-    own = np.bincount(region, count * mean, regions) / total
-    squares = np.bincount(region, leaves.spread + count * (mean - own[region]) ** 2, regions)
     area = shapely.area(polygons) * geometry.metres**2
     perimeter = shapely.length(polygons) * geometry.metres
     return {
@@ -140,10 +139,10 @@ def _object_columns(
         "area_m2": area,
         "perimeter_m": perimeter,
         "compactness": 4 * np.pi * area / perimeter**2,
-        "height_mean": own[at],
+        "height_mean": own.mean[at],
         "height_min": lowest[at].astype(np.float64),
         "height_max": highest[at].astype(np.float64),
-        "height_deviation": np.sqrt(squares / total)[at],
+        "height_deviation": np.sqrt(own.spread / own.count)[at],
         "posterior_mean": merged.mean[at],
         "posterior_deviation": merged.deviation[at],
         "leaves": np.bincount(region, minlength=regions)[at],

@@ -5,7 +5,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -86,7 +85,7 @@ def objects(
     with open_run(Path(out).absolute(), job.record(out), job.identity(), job.options, progress or Silent()) as run:
         leaves = job.reconcile(run, run.run_pass(job.leaves_pass(run.state)))
         merged = job.merge(run, leaves)
-        tracing = job.borders_pass(run.state, leaves)
+        tracing = job.borders_pass(run.state, tuple(leaves.numbering.offsets.tolist()))
         with run.beside(job.write_raster, run, tracing.context) as raster:
             borders = run.run_pass(tracing)
             tables = job.write_tables(run, borders, leaves, merged)
@@ -204,17 +203,15 @@ class _Job:
             np.save(run.state / "lookup.npy", leaves.lookup((merged.region + 1).astype(np.uint32)))
             return merged
 
-    def borders_pass(self, state: Path, leaves: Leaves) -> Pass:
-        context = object_regions.RegionContext(
-            self.grid, self.labels(state), state / "lookup.npy", tuple(leaves.numbering.offsets.tolist())
-        )
+    def borders_pass(self, state: Path, offsets: tuple[int, ...]) -> Pass:
+        context = object_regions.RegionContext(self.grid, self.labels(state), state / "lookup.npy", offsets)
         return Pass("borders", object_regions.trace_borders, context, self.grid, halo=1, bytes_per_pixel=40)
 
     def write_raster(self, run: Run, context: object_regions.RegionContext) -> Path:
         """Write ``regions.tif`` into the state folder."""
         with run.timed("export raster"):
             path = run.state / "regions.tif"
-            write_cog(path, partial(context.read), "uint32", self.raster.geometry, nodata=0, threads=1)
+            write_cog(path, context.read, "uint32", self.raster.geometry, nodata=0, threads=1)
             return path
 
     def write_tables(self, run: Run, borders: Ledger, leaves: Leaves, merged: Merged) -> list[Path]:
@@ -240,9 +237,8 @@ class _Job:
     def plan(self) -> Plan:
         """What a run will do and need."""
         nowhere = Path(STATE)
-        nothing = object_regions.RegionContext(self.grid, self.labels(nowhere), nowhere, ())
-        borders = Pass("borders", object_regions.trace_borders, nothing, self.grid, halo=1, bytes_per_pixel=40)
-        return plan_passes("objects", self.raster, [self.leaves_pass(nowhere), borders], self.options, _PER_MEGAPIXEL)
+        passes = [self.leaves_pass(nowhere), self.borders_pass(nowhere, ())]
+        return plan_passes("objects", self.raster, passes, self.options, _PER_MEGAPIXEL)
 
     def identity(self) -> Record:
         """Everything that decides the state on disk."""
