@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from tilepipe import __version__, object_leaves, object_regions
+from tilepipe import object_leaves, object_regions
 from tilepipe.errors import InputError
-from tilepipe.export import convert
 from tilepipe.grid import TileGrid
+from tilepipe.job import Job, as_list
 from tilepipe.layers import write_cog
 from tilepipe.ledger import Ledger
 from tilepipe.object_convergence import as_text, diagnose, warning
@@ -21,10 +21,10 @@ from tilepipe.object_graph import Leaves, reconcile_leaves
 from tilepipe.object_merge import Merged, merge_regions
 from tilepipe.object_parameters import ObjectParameters, object_parameters
 from tilepipe.options import RunOptions
-from tilepipe.passes import Pass, Progress, Silent, StateArray
+from tilepipe.passes import Pass, Progress, StateArray
 from tilepipe.planning import Plan, plan_passes
-from tilepipe.raster import Raster, open_raster
-from tilepipe.run import STATE, Record, Run, absolute_name, open_run
+from tilepipe.raster import open_raster
+from tilepipe.run import STATE, Record, Run
 from tilepipe_kernels.quadtree import LARGEST_SIDE
 
 _PER_MEGAPIXEL = 100_000 * 250
@@ -33,7 +33,6 @@ _PER_MEGAPIXEL = 100_000 * 250
 _PLAUSIBLE = -500.0, 9000.0
 """Heights on land in metres."""
 
-TABLES = ("objects", "boundaries")
 CONVERGENCE = "convergence.json"
 
 
@@ -80,18 +79,7 @@ def objects(
     TileError
         When tiles failed; the finished ones are kept for the next try.
     """
-    job = _prepare(rasters, params, crs, band, options)
-    job.plan().check(job.options)
-    with open_run(Path(out).absolute(), job.record(out), job.identity(), job.options, progress or Silent()) as run:
-        leaves = job.reconcile(run, run.run_pass(job.leaves_pass(run.state)))
-        merged = job.merge(run, leaves)
-        tracing = job.borders_pass(run.state, tuple(leaves.numbering.offsets.tolist()))
-        with run.beside(job.write_raster, run, tracing.context) as raster:
-            borders = run.run_pass(tracing)
-            tables = job.write_tables(run, borders, leaves, merged)
-            layers = [raster.result(), *tables, job.write_convergence(run, merged)]
-        run.publish(layers, job.record(out), keep=_all_names())
-        return [run.folder / layer.name for layer in layers]
+    return _prepare(rasters, params, crs, band, options).run(out, progress)
 
 
 def plan_objects(
@@ -112,16 +100,10 @@ def pass_sizes(record: Record) -> dict[str, int]:
     return dict.fromkeys(("leaves", "borders"), len(grid))
 
 
-def _all_names() -> tuple[str, ...]:
-    tables = [f"{name}.{suffix}" for name in TABLES for suffix in ("parquet", "gpkg", "fgb", "geojson")]
-    return ("regions.tif", CONVERGENCE, *tables, "quicklook.png", "quicklook_detail.png", "report.html")
-
-
 def _prepare(rasters: Any, params: Any, crs: str | None, band: int | None, options: RunOptions | None) -> _Job:
     """Open and check everything before any work."""
     parameters = params if isinstance(params, ObjectParameters) else object_parameters(dict(params or {}))
-    items = list(rasters) if isinstance(rasters, (list, tuple)) else [rasters]
-    raster = open_raster(items, crs=crs, band=band)
+    raster = open_raster(as_list(rasters), crs=crs, band=band)
     job = _Job(raster, parameters, options or RunOptions(), crs, band)
     _, largest = parameters.leaf_sides(job.resolution)
     if largest > LARGEST_SIDE:
@@ -131,18 +113,24 @@ def _prepare(rasters: Any, params: Any, crs: str | None, band: int | None, optio
 
 
 @dataclass(frozen=True)
-class _Job:
+class _Job(Job):
     """A checked request: its tiling, its passes and its reconciliations."""
 
-    raster: Raster
-    parameters: ObjectParameters
-    options: RunOptions
-    crs: str | None
-    band: int | None
+    command = "objects"
+    rasters = ("regions.tif", CONVERGENCE)
+    tables = ("objects", "boundaries")
+    seeded = True
 
-    @property
-    def resolution(self) -> float:
-        return self.raster.geometry.resolution
+    parameters: ObjectParameters
+
+    def layers(self, run: Run) -> list[Path]:
+        leaves = self.reconcile(run, run.run_pass(self.leaves_pass(run.state)))
+        merged = self.merge(run, leaves)
+        tracing = self.borders_pass(run.state, tuple(leaves.numbering.offsets.tolist()))
+        with run.beside(self.write_raster, run, tracing.context) as raster:
+            borders = run.run_pass(tracing)
+            tables = self.write_tables(run, borders, leaves, merged)
+            return [raster.result(), *tables, self.write_convergence(run, merged)]
 
     @property
     def grid(self) -> TileGrid:
@@ -150,6 +138,10 @@ class _Job:
         _, largest = self.parameters.leaf_sides(self.resolution)
         side = max(largest, self.options.tile // largest * largest)
         return TileGrid(self.raster.shape, (side, side))
+
+    @property
+    def tile_shape(self) -> tuple[int, int]:
+        return self.grid.tile_shape
 
     def labels(self, state: Path) -> StateArray:
         return StateArray(state / "labels.zarr", self.grid, "int32")
@@ -221,9 +213,7 @@ class _Job:
             paths = object_regions.write_tables(
                 run.state, borders, leaves, merged, self.raster.geometry, simplification
             )
-        with run.timed("convert"):
-            form = self.options.format
-            return paths if form == "parquet" else [convert(path, form) for path in paths]
+        return self.convert(run, paths)
 
     def write_convergence(self, run: Run, merged: Merged) -> Path:
         """Write the sampler's diagnostics into the state folder; warn when it has not converged."""
@@ -239,33 +229,3 @@ class _Job:
         nowhere = Path(STATE)
         passes = [self.leaves_pass(nowhere), self.borders_pass(nowhere, ())]
         return plan_passes("objects", self.raster, passes, self.options, _PER_MEGAPIXEL)
-
-    def identity(self) -> Record:
-        """Everything that decides the state on disk."""
-        sources = [member.source for member in self.raster.members]
-        return {
-            "command": "objects",
-            "version": __version__,
-            "sources": [f"{absolute_name(source.name)} {source.stamp}" for source in sources],
-            "raster": asdict(self.raster.geometry) | {"tile": list(self.grid.tile_shape), "band": self.band},
-            "parameters": self.parameters.model_dump(),
-            "seed": self.options.seed,
-        }
-
-    def record(self, out: str | Path) -> Record:
-        """Everything as resolved, for ``run.toml``."""
-        options = asdict(self.options)
-        options.pop("overwrite")
-        return {
-            "command": "objects",
-            "version": __version__,
-            "out": str(Path(out).absolute()),
-            "inputs": {
-                "rasters": [absolute_name(name) for name in self.raster.names],
-                "crs": self.crs,
-                "band": self.band,
-            },
-            "raster": asdict(self.raster.geometry) | {"tile": list(self.grid.tile_shape)},
-            "options": options,
-            "parameters": self.parameters.model_dump(),
-        }

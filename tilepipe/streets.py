@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -12,20 +12,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe import __version__, street_lines, street_segments
+from tilepipe import street_lines, street_segments
 from tilepipe.errors import InputError
-from tilepipe.export import convert
 from tilepipe.grid import TileGrid, Window
+from tilepipe.job import Job, as_list
 from tilepipe.layers import write_cog
 from tilepipe.ledger import Facts, Ledger
 from tilepipe.network import NetworkRules
 from tilepipe.options import RunOptions
-from tilepipe.passes import Pass, Progress, Silent, StateArray
+from tilepipe.passes import Pass, Progress, StateArray
 from tilepipe.planning import Plan, plan_passes
-from tilepipe.raster import Raster, check_aligned, open_raster
+from tilepipe.raster import check_aligned, open_raster
 from tilepipe.reconcile import Numbering
 from tilepipe.regions import Regions, reconcile_regions
-from tilepipe.run import STATE, Record, Run, absolute_name, open_run
+from tilepipe.run import STATE, Record, Run
 from tilepipe.street_levels import GreyScale, count_values, grey_scale
 from tilepipe.street_network import LineScale, write_centerlines
 from tilepipe.street_parameters import StreetParameters, street_parameters
@@ -82,21 +82,7 @@ def streets(
     TileError
         When tiles failed; the finished ones are kept for the next try.
     """
-    job = _prepare(rasters, height, params, crs, band, options)
-    job.plan().check(job.options)
-    with open_run(Path(out).absolute(), job.record(out), job.identity(), job.options, progress or Silent()) as run:
-        levels = run.run_pass(job.levels_pass())
-        scale = grey_scale(levels.each(), job.parameters, job.raster.names[0])
-        segmented = run.run_pass(job.segment_pass(run.state, scale))
-        regions = job.reconcile(run, segmented.all_facts())
-        thresholds = job.thresholds(run, scale, regions)
-        centering = job.lines_pass(run.state, scale, regions, thresholds.low)
-        with run.beside(job.write_raster, run, centering.context) as raster:
-            fragments = run.run_pass(centering)
-            lines = job.write_lines(run, fragments, thresholds)
-            layers = [raster.result(), *lines]
-        run.publish(layers, job.record(out), keep=_all_names())
-        return [run.folder / layer.name for layer in layers]
+    return _prepare(rasters, height, params, crs, band, options).run(out, progress)
 
 
 def plan_streets(
@@ -121,26 +107,21 @@ def pass_sizes(record: Record) -> dict[str, int]:
     return dict.fromkeys(names, len(grid))
 
 
-def _all_names() -> tuple[str, ...]:
-    tables = [f"{name}.{suffix}" for name in LINE_LAYERS for suffix in ("parquet", "gpkg", "fgb", "geojson")]
-    pictures = ("quicklook.png", "quicklook_detail.png", "report.html")
-    return ("streets.tif", *tables, *pictures)
-
-
 def _prepare(
     rasters: Any, height: Any, params: Any, crs: str | None, band: int | None, options: RunOptions | None
 ) -> _Job:
     """Open and check everything before any work."""
     parameters = params if isinstance(params, StreetParameters) else street_parameters(dict(params or {}))
-    raster = open_raster(_as_list(rasters), crs=crs, band=band)
+    raster = open_raster(as_list(rasters), crs=crs, band=band)
     heights = None
     if height:
-        dsm = open_raster(_as_list(height), crs=crs)
+        dsm = open_raster(as_list(height), crs=crs)
         window = check_aligned(dsm, raster, "height raster")
         if window.intersection(Window(0, 0, *raster.shape)).is_empty:
             raise InputError(f"{dsm.names[0]}: the height raster does not overlap {raster.names[0]}")
         heights = street_segments.Heights(dsm, window)
-    job = _Job(raster, heights, parameters, options or RunOptions(), crs, band)
+    others = {"heights": heights.raster} if heights else {}
+    job = _Job(raster, parameters, options or RunOptions(), crs, band, heights=heights, others=others)
     try:
         job.plan()
     except (ValueError, OverflowError) as error:
@@ -148,24 +129,29 @@ def _prepare(
     return job
 
 
-def _as_list(items: Any) -> list[Any]:
-    return list(items) if isinstance(items, (list, tuple)) else [items]
-
-
 @dataclass(frozen=True)
-class _Job:
+class _Job(Job):
     """A checked request: its tiling, its passes and its reconciliations."""
 
-    raster: Raster
-    heights: street_segments.Heights | None
-    parameters: StreetParameters
-    options: RunOptions
-    crs: str | None
-    band: int | None
+    command = "streets"
+    rasters = ("streets.tif",)
+    tables = tuple(LINE_LAYERS)
+    seeded = False
 
-    @property
-    def resolution(self) -> float:
-        return self.raster.geometry.resolution
+    parameters: StreetParameters
+    heights: street_segments.Heights | None = field(default=None, kw_only=True)
+
+    def layers(self, run: Run) -> list[Path]:
+        levels = run.run_pass(self.levels_pass())
+        scale = grey_scale(levels.each(), self.parameters, self.raster.names[0])
+        segmented = run.run_pass(self.segment_pass(run.state, scale))
+        regions = self.reconcile(run, segmented.all_facts())
+        thresholds = self.thresholds(run, scale, regions)
+        centering = self.lines_pass(run.state, scale, regions, thresholds.low)
+        with run.beside(self.write_raster, run, centering.context) as raster:
+            fragments = run.run_pass(centering)
+            lines = self.write_lines(run, fragments, thresholds)
+            return [raster.result(), *lines]
 
     @property
     def rectangle(self) -> tuple[int, int]:
@@ -176,6 +162,10 @@ class _Job:
         """Tiles of whole rectangles, so that no rectangle is cut by a seam."""
         rows, columns = (max(side, self.options.tile // side * side) for side in self.rectangle)
         return TileGrid(self.raster.shape, (rows, columns))
+
+    @property
+    def tile_shape(self) -> tuple[int, int]:
+        return self.grid.tile_shape
 
     def state_arrays(self, state: Path) -> dict[str, StateArray]:
         coarse = self.grid.coarsened(self.rectangle)
@@ -250,10 +240,7 @@ class _Job:
         """Write the tables of both ways to centerlines into the state folder, side by side."""
         with ThreadPoolExecutor(min(len(LINE_LAYERS), self.options.workers)) as pool:
             paths = list(pool.map(partial(self._write_table, run, fragments, thresholds), LINE_LAYERS))
-        # GDAL's options are global, so only one table at a time may be converted
-        with run.timed("convert"):
-            form = self.options.format
-            return paths if form == "parquet" else [convert(path, form) for path in paths]
+        return self.convert(run, paths)
 
     def _write_table(self, run: Run, fragments: Ledger, thresholds: Thresholds, name: str) -> Path:
         with run.timed(f"reconcile {name}"):
@@ -292,39 +279,6 @@ class _Job:
             self.lines_pass(nowhere, scale, regions, 1.0),
         ]
         return plan_passes("streets", self.raster, passes, self.options)
-
-    def identity(self) -> Record:
-        """Everything that decides the state on disk."""
-        sources = [m.source for m in self.raster.members]
-        if self.heights is not None:
-            sources += [m.source for m in self.heights.raster.members]
-        return {
-            "command": "streets",
-            "version": __version__,
-            "sources": [f"{absolute_name(source.name)} {source.stamp}" for source in sources],
-            "raster": asdict(self.raster.geometry) | {"tile": list(self.grid.tile_shape), "band": self.band},
-            "parameters": self.parameters.model_dump(),
-        }
-
-    def record(self, out: str | Path) -> Record:
-        """Everything as resolved, for ``run.toml``."""
-        options = asdict(self.options)
-        options.pop("overwrite")
-        heights = self.heights.raster.names if self.heights is not None else []
-        return {
-            "command": "streets",
-            "version": __version__,
-            "out": str(Path(out).absolute()),
-            "inputs": {
-                "rasters": [absolute_name(name) for name in self.raster.names],
-                "heights": [absolute_name(name) for name in heights],
-                "crs": self.crs,
-                "band": self.band,
-            },
-            "raster": asdict(self.raster.geometry) | {"tile": list(self.grid.tile_shape)},
-            "options": options,
-            "parameters": self.parameters.model_dump(),
-        }
 
 
 def select(regions: Regions, parameters: StreetParameters) -> NDArray[np.bool_]:
