@@ -18,6 +18,11 @@ NO_REGION = 65534
 _ZERO, _LARGEST, _STEPS, _PER_STEP = (np.float32(value) for value in (0, LARGEST_GREY, STEPS, 1 / STEPS))
 _NO_REGION = np.uint16(NO_REGION)
 
+LEVEL_STEPS = 1024
+"""Steps of a grey value in units of a level: sums of their squares are then exact, in whatever order."""
+
+_LEVEL_STEPS, _PER_LEVEL_STEP = np.float32(LEVEL_STEPS), np.float32(1 / LEVEL_STEPS)
+
 
 @rule
 def stretched(value: np.float32, darkest: np.float32, scale: np.float32) -> np.float32:
@@ -39,6 +44,18 @@ def restored(packed: np.uint16, dark: np.float32, limit: np.float32) -> np.float
     """Grey level of a stored one, clipped to the range of streets."""
     grey = np.float32(packed >> 1) * _PER_STEP
     return dark if grey < dark else (limit if grey > limit else grey)
+
+
+@loop
+def _to_levels(grey: NDArray[np.float32], starts: NDArray[np.float32], slopes: NDArray[np.float32]) -> None:
+    for i in range(grey.shape[0]):
+        row = grey[i]
+        for j in range(row.size):
+            k = 0
+            for level in range(1, slopes.size):
+                k += row[j] >= starts[level]
+            level = np.float32(k) + (row[j] - starts[k]) * slopes[k]
+            row[j] = np.rint(level * _LEVEL_STEPS) * _PER_LEVEL_STEP
 
 
 @loop
@@ -99,6 +116,34 @@ def stretch(values: NDArray[np.float32], darkest: float, brightest: float) -> ND
     grey = np.empty(values.shape, np.float32)
     _stretch(values, np.float32(darkest), np.float32(LARGEST_GREY / (brightest - darkest)), grey)
     return grey
+
+
+def to_levels(grey: NDArray[np.float32], means: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Grey values in units in which the means of adjacent classes are one apart: linear between them, and beyond.
+
+    Parameters
+    ----------
+    grey
+        float32, shape (rows, columns); NaN stays.
+    means
+        Mean grey of each class, ascending, two at least.
+
+    Returns
+    -------
+    ndarray of float32, shape (rows, columns)
+        0 at the first mean, 1 at the second …, in steps of 1/`LEVEL_STEPS`.
+
+    Raises
+    ------
+    ValueError
+        When the means do not ascend or there are fewer than two.
+    """
+    gaps = np.diff(means)
+    if gaps.size < 1 or not (gaps > 0).all():
+        raise ValueError(f"the means of at least two classes must ascend, not {means}")
+    levels = grey.astype(np.float32, order="C")
+    _to_levels(levels, np.asarray(means[:-1], np.float32), np.asarray(1 / gaps, np.float32))
+    return levels
 
 
 def store(grey: NDArray[np.float32], in_region: NDArray[np.bool_], missing: NDArray[np.bool_]) -> NDArray[np.uint16]:

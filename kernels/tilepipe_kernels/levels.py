@@ -6,6 +6,7 @@ rasters of any range with a relative width of 2⁻¹⁰, and no first look at th
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import numpy as np
@@ -106,3 +107,46 @@ def otsu_classes(counts: NDArray[np.int64]) -> tuple[int, float, float]:
     split = int(np.argmax(separation))
     below, above = moment[split] / weight[split], (moment[-1] - moment[split]) / (weight[-1] - weight[split])
     return split, float(below), float(above)
+
+
+def class_means(counts: NDArray[np.int64], classes: int) -> NDArray[np.float64]:
+    """Means of the classes of least variance within them (Fisher 1958; for two classes Otsu 1979).
+
+    Parameters
+    ----------
+    counts
+        Counts of equally wide bins; the cost grows with the square of their number.
+    classes
+        Number of classes, 2 or more.
+
+    Returns
+    -------
+    ndarray of float64, shape (classes,)
+        Mean bin of each class, ascending.
+
+    Raises
+    ------
+    ValueError
+        When fewer bins are filled than classes are asked for.
+    """
+    filled = np.flatnonzero(counts)
+    if not 2 <= classes <= filled.size:
+        raise ValueError(f"{classes} classes need as many different values, not {filled.size}")
+    weight, value = counts[filled].astype(np.float64), filled.astype(np.float64)
+    n, total, square = (np.concatenate([[0.0], np.cumsum(weight * value**power)]) for power in range(3))
+    first, last = np.ogrid[: filled.size + 1, : filled.size + 1]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        mean = (total[last] - total[first]) / (n[last] - n[first])
+        within = square[last] - square[first] - mean * (total[last] - total[first])
+    within = np.where(first < last, within, np.inf)
+    # least[j]: smallest sum within so many classes of the first j values; cuts: where the last of them begins
+    least, cuts = within[0], []
+    for _ in range(classes - 1):
+        sums = least[:, None] + within
+        cuts.append(np.argmin(sums, axis=0))
+        least = np.min(sums, axis=0)
+    bounds = [filled.size]
+    for cut in reversed(cuts):
+        bounds.append(int(cut[bounds[-1]]))
+    bounds = [0, *reversed(bounds)]
+    return np.array([mean[a, b] for a, b in itertools.pairwise(bounds)])

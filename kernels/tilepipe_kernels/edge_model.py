@@ -1,0 +1,420 @@
+"""Energy of the coupled intensity and line fields (`edges`; Barbosa 1994, after Geman & Geman 1984).
+
+Two fields lie on one grid: labels x on the pixels and line elements on the cracks between them, h[i, j] between the
+pixels (i, j) and (i + 1, j), v[i, j] between (i, j) and (i, j + 1); 1 = there is an edge.  With the observed grey
+values y in units in which adjacent labels differ by one,
+
+    U = Σ_pixels (y - x)² / (2 σ²)  +  Σ_pairs β f(x_s - x_t)                        intensity
+      + Σ_elements α (x_s - x_t)² (1 - e)                                            lines: contrast
+      + Σ_elements γ e |e_before - e_after|  +  Σ_corners ξ h v  +  Σ_triples ζ e_above e e_below
+
+where s, t are the two pixels that an element parts, `before` and `after` the collinear elements that continue it, a
+corner the two perpendicular elements of one pixel that meet there, and a triple three parallel elements in adjacent
+rows (h) or columns (v).  f(d) = d² is the quadratic potential and f(d) = -1/(1 + |d|) the reciprocal one.
+
+A term is counted only if everything it speaks of exists and is committed: no pixel without data, no element beside
+one or beyond the raster, no label or element that is still `UNCOMMITTED`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .compiled import loop, rule
+
+UNCOMMITTED = np.uint8(255)
+"""Label or element that has no value (yet); also the label of a pixel without data."""
+
+MAXIMUM_LEVELS = 254
+
+_ONE = np.float32(1)
+_HALF = np.float32(0.5)
+
+Floats = NDArray[np.float32]
+Field = NDArray[np.uint8]
+Counts = NDArray[np.int64]
+Window = tuple[slice, slice]
+
+
+@dataclass(frozen=True)
+class EdgeModel:
+    """Parameters of the energy; the defaults are Barbosa's (1994).
+
+    Parameters
+    ----------
+    levels
+        Number of labels K: label k has the grey value k.  2 to 254.
+    potential
+        f of the intensity pairs: "quadratic" or "reciprocal".
+    alpha, gamma, xi, zeta
+        Weights of contrast without a line, of a line that breaks off, of a corner, of three parallel lines.
+    beta
+        Weight of the intensity pairs.
+    sigma
+        Standard deviation of the noise, grey levels.
+
+    Raises
+    ------
+    ValueError
+        For a parameter out of its range.
+    """
+
+    levels: int = 2
+    potential: Literal["quadratic", "reciprocal"] = "reciprocal"
+    alpha: float = 0.5
+    gamma: float = 0.5
+    xi: float = 0.5
+    zeta: float = 0.5
+    beta: float = 1.0
+    sigma: float = 0.3
+
+    def __post_init__(self) -> None:
+        if not 2 <= self.levels <= MAXIMUM_LEVELS:
+            raise ValueError(f"levels must be from 2 to {MAXIMUM_LEVELS}, not {self.levels}")
+        if self.potential not in ("quadratic", "reciprocal"):
+            raise ValueError(f"potential must be 'quadratic' or 'reciprocal', not {self.potential!r}")
+        for name in ("alpha", "gamma", "xi", "zeta", "beta"):
+            value = getattr(self, name)
+            if not 0 <= value < math.inf:
+                raise ValueError(f"{name} must be finite and 0 or more, not {value}")
+        if not 0 < self.sigma < math.inf:
+            raise ValueError(f"sigma must be finite and more than 0 grey levels, not {self.sigma}")
+
+    @property
+    def reciprocal(self) -> bool:
+        """Whether the potential is the reciprocal one, as the rules take it."""
+        return self.potential == "reciprocal"
+
+    def pairwise(self) -> Floats:
+        """Table of β f(a - b), float32 (K, K)."""
+        label = np.arange(self.levels, dtype=np.float64)
+        difference = np.abs(label[:, None] - label)
+        f = -1 / (1 + difference) if self.reciprocal else difference**2
+        return (self.beta * f).astype(np.float32)
+
+
+# ------------------------------------------------------------------------------------------------- site rules
+
+
+@rule
+def potential(difference: np.float32, reciprocal: bool) -> np.float32:
+    """Intensity potential f of the difference of two labels: -1/(1 + |d|) or d²; in the precision of its argument."""
+    if reciprocal:
+        return -_ONE / (_ONE + abs(difference))
+    return difference * difference
+
+
+@rule
+def data_energy(observed: np.float32, label: np.float32, sigma: np.float32) -> np.float32:
+    """(y - x)² / (2 σ²)."""
+    residual = observed - label
+    return residual * residual * (_HALF / (sigma * sigma))
+
+
+@rule
+def pair_energy(
+    label: int, other: int, element: int, beta: np.float32, alpha: np.float32, reciprocal: bool
+) -> np.float32:
+    """Energy of two adjacent labels and the element between them: β f + α d² (1 - e), as far as committed.
+
+    Parameters
+    ----------
+    label, other
+        Labels; 255 counts for nothing.
+    element
+        0 or 1; 255 leaves out the second term, as the sequential form does.
+    """
+    zero = beta - beta  # in the precision of the parameters
+    if label == UNCOMMITTED or other == UNCOMMITTED:
+        return zero
+    difference = zero + np.float32(np.int32(label) - np.int32(other))
+    energy = beta * potential(difference, reciprocal)
+    return energy + (alpha * (difference * difference) if element == 0 else zero)
+
+
+@rule
+def label_energy(
+    observed: np.float32, label: int,
+    up: int, left: int, right: int, down: int,
+    line_up: int, line_left: int, line_right: int, line_down: int,
+    beta: np.float32, sigma: np.float32, alpha: np.float32, reciprocal: bool,
+) -> np.float32:  # fmt: skip
+    """All terms of the energy that a pixel's label is in: its data and its four pairs.
+
+    Parameters
+    ----------
+    observed, label
+        Of the pixel; the label is committed.
+    up, left, right, down
+        Labels of its neighbours; 255 where uncommitted, without data or beyond the raster.
+    line_up, line_left, line_right, line_down
+        Elements between the pixel and each; 255 where uncommitted or when lines are not looked at.
+    beta, sigma, alpha, reciprocal
+        Of the model.
+    """
+    energy = data_energy(observed, np.float32(label), sigma)
+    energy += pair_energy(label, up, line_up, beta, alpha, reciprocal)
+    energy += pair_energy(label, left, line_left, beta, alpha, reciprocal)
+    energy += pair_energy(label, right, line_right, beta, alpha, reciprocal)
+    return energy + pair_energy(label, down, line_down, beta, alpha, reciprocal)
+
+
+@rule
+def breaks_off(before: int, element: int, after: int) -> int:
+    """1 if an element is continued on one side only, else 0; 0 if one of the three is 255."""
+    return 1 if element == 1 and (before | after) < 2 and before != after else 0
+
+
+@rule
+def turns(first: int, second: int) -> int:
+    """1 if two perpendicular elements of a pixel that meet at its corner are both edges, else 0."""
+    return 1 if first == 1 and second == 1 else 0
+
+
+@rule
+def crowds(above: int, element: int, below: int) -> int:
+    """1 if three parallel elements side by side are all edges, else 0."""
+    return 1 if above == 1 and element == 1 and below == 1 else 0
+
+
+@rule
+def element_energy(
+    element: int, contrast: np.float32,
+    second_before: int, before: int, after: int, second_after: int,
+    second_above: int, above: int, below: int, second_below: int,
+    corner_a: int, corner_b: int, corner_c: int, corner_d: int,
+    alpha: np.float32, gamma: np.float32, xi: np.float32, zeta: np.float32,
+) -> np.float32:  # fmt: skip
+    """All terms of the line energy that an element is in: its own, and those of the elements within two of it.
+
+    Parameters
+    ----------
+    element
+        0 or 1, committed.
+    contrast
+        Squared difference of the two labels that it parts; 0 if one is uncommitted.
+    second_before, before, after, second_after
+        Collinear elements along it; 255 where uncommitted or where there is none.
+    second_above, above, below, second_below
+        Parallel elements across it, likewise.
+    corner_a, corner_b, corner_c, corner_d
+        The four perpendicular elements of its two pixels that touch its ends, in any order.
+    alpha, gamma, xi, zeta
+        Of the model.
+    """
+    broken = breaks_off(before, element, after)
+    broken += breaks_off(second_before, before, element) + breaks_off(element, after, second_after)
+    corners = turns(element, corner_a) + turns(element, corner_b) + turns(element, corner_c) + turns(element, corner_d)
+    crowded = crowds(above, element, below)
+    crowded += crowds(second_above, above, element) + crowds(element, below, second_below)
+    energy = alpha * contrast if element == 0 else contrast - contrast
+    return energy + gamma * np.float32(broken) + xi * np.float32(corners) + zeta * np.float32(crowded)
+
+
+# ------------------------------------------------------------------------------------------------- energy
+
+
+class EnergyTerms(NamedTuple):
+    """What the energy of a block, or of its core, is made of; those of the cores of a tiling add up to the whole.
+
+    Attributes
+    ----------
+    squares
+        Σ (y - x)², grey levels squared.
+    differences
+        int64 (K,): pairs of committed neighbours whose labels differ by d.
+    unparted
+        Σ (x_s - x_t)² over the elements that are 0.
+    broken, corners, crowded
+        Elements continued on one side only, corners turned, triples of parallel elements.
+    """
+
+    squares: float
+    differences: Counts
+    unparted: int
+    broken: int
+    corners: int
+    crowded: int
+
+    def __add__(self, other: EnergyTerms) -> EnergyTerms:  # type: ignore[override]
+        """Terms of two cores that do not overlap."""
+        return EnergyTerms(
+            self.squares + other.squares,
+            self.differences + other.differences,
+            self.unparted + other.unparted,
+            self.broken + other.broken,
+            self.corners + other.corners,
+            self.crowded + other.crowded,
+        )
+
+    def intensity(self, model: EdgeModel) -> float:
+        """Σ (y - x)² / (2 σ²) + Σ β f."""
+        d = np.arange(self.differences.size, dtype=np.float64)
+        f = -1 / (1 + d) if model.reciprocal else d**2
+        return self.squares / (2 * model.sigma**2) + model.beta * float(f @ self.differences)
+
+    def lines(self, model: EdgeModel) -> float:
+        """Contrast, continuity, corners and parallels."""
+        return (
+            model.alpha * self.unparted
+            + model.gamma * self.broken
+            + model.xi * self.corners
+            + model.zeta * self.crowded
+        )
+
+    def total(self, model: EdgeModel) -> float:
+        """U."""
+        return self.intensity(model) + self.lines(model)
+
+
+@loop
+def _existing(horizontal: Field, vertical: Field, has_data: NDArray[np.bool_]) -> tuple[Field, Field]:
+    """The elements framed by two of 255, and 255 where there is none: the rules then count what exists."""
+    rows, columns = has_data.shape
+    h = np.full((rows + 4, columns + 4), UNCOMMITTED)
+    v = np.full((rows + 4, columns + 4), UNCOMMITTED)
+    for i in range(rows):
+        for j in range(columns):
+            if has_data[i, j]:
+                if i + 1 < rows and has_data[i + 1, j]:
+                    h[i + 2, j + 2] = horizontal[i, j]
+                if j + 1 < columns and has_data[i, j + 1]:
+                    v[i + 2, j + 2] = vertical[i, j]
+    return h, v
+
+
+@loop
+def _count_lines(h: Field, v: Field, top: int, bottom: int, left: int, right: int) -> tuple[int, int, int]:
+    """Broken elements, corners and crowded triples of the sites top..bottom, left..right of the unframed block."""
+    broken = corners = crowded = 0
+    for i in range(top + 2, bottom + 2):
+        for j in range(left + 2, right + 2):
+            broken += breaks_off(h[i, j - 1], h[i, j], h[i, j + 1]) + breaks_off(v[i - 1, j], v[i, j], v[i + 1, j])
+            crowded += crowds(h[i - 1, j], h[i, j], h[i + 1, j]) + crowds(v[i, j - 1], v[i, j], v[i, j + 1])
+            corners += turns(h[i - 1, j], v[i, j - 1]) + turns(h[i - 1, j], v[i, j])
+            corners += turns(h[i, j], v[i, j - 1]) + turns(h[i, j], v[i, j])
+    return broken, corners, crowded
+
+
+@loop
+def _count_pairs(
+    observed: Floats, labels: Field, h: Field, v: Field,
+    top: int, bottom: int, left: int, right: int, differences: Counts,
+) -> tuple[float, np.int64]:  # fmt: skip
+    """Σ (y - x)² and Σ d² without a line, of the same sites; a pair belongs to its upper or left pixel."""
+    rows, columns = labels.shape
+    squares = 0.0
+    unparted = np.int64(0)
+    for i in range(top, bottom):
+        for j in range(left, right):
+            if labels[i, j] == UNCOMMITTED or np.isnan(observed[i, j]):
+                continue
+            label = np.int64(labels[i, j])
+            residual = np.float64(observed[i, j]) - label
+            squares += residual * residual
+            if i + 1 < rows and labels[i + 1, j] != UNCOMMITTED and not np.isnan(observed[i + 1, j]):
+                d = abs(label - np.int64(labels[i + 1, j]))
+                differences[d] += 1
+                unparted += d * d * (h[i + 2, j + 2] == 0)
+            if j + 1 < columns and labels[i, j + 1] != UNCOMMITTED and not np.isnan(observed[i, j + 1]):
+                d = abs(label - np.int64(labels[i, j + 1]))
+                differences[d] += 1
+                unparted += d * d * (v[i + 2, j + 2] == 0)
+    return squares, unparted
+
+
+def checked_observed(observed: ArrayLike) -> Floats:
+    """Observed grey values as a contiguous float32 block.
+
+    Raises
+    ------
+    ValueError
+        For an array that is not two-dimensional and real.
+    """
+    array = np.asarray(observed)
+    if array.ndim != 2 or array.dtype.kind not in "buif":
+        raise ValueError(f"observed must be a two-dimensional real array, not {array.dtype} of shape {array.shape}")
+    return np.ascontiguousarray(array, dtype=np.float32)
+
+
+def checked_field(name: str, field: ArrayLike, shape: tuple[int, ...], values: int) -> Field:
+    """Labels or elements as a contiguous uint8 block of values below `values`, or 255.
+
+    Raises
+    ------
+    ValueError
+        For another shape, or other values.
+    """
+    array: NDArray[Any] = np.asarray(field)
+    if array.shape != shape:
+        raise ValueError(f"{name} must have the shape {shape} of the observed block, not {array.shape}")
+    if array.dtype.kind not in "bui":
+        raise ValueError(f"{name} must be integers, not {array.dtype}")
+    if array.size and not bool(((array >= 0) & (array < values) | (array == UNCOMMITTED)).all()):
+        raise ValueError(f"{name} must be from 0 to {values - 1}, or 255 where uncommitted")
+    return np.ascontiguousarray(array, dtype=np.uint8)
+
+
+def energy_terms(
+    observed: ArrayLike,
+    labels: ArrayLike,
+    horizontal: ArrayLike | None,
+    vertical: ArrayLike | None,
+    levels: int,
+    *,
+    core: Window = (slice(None), slice(None)),
+) -> EnergyTerms:
+    """Count what the energy of a block is made of.
+
+    Parameters
+    ----------
+    observed
+        Grey values y, shape (rows, columns), float32; NaN = no data.
+    labels
+        uint8, same shape: 0..levels - 1, or 255 where uncommitted or without data.
+    horizontal, vertical
+        Elements h and v, uint8, same shape: 0, 1, or 255 where uncommitted; those that do not exist (last row of h,
+        last column of v, beside a pixel without data) are not looked at.  None: no element is committed.
+    levels
+        Number of labels K.
+    core
+        Rows and columns whose terms are counted.  A pair belongs to its upper or left pixel, an element and its
+        triples to the pixel above or left of it, a corner to its pixel; the block must go on by 2 beyond the core
+        for these to be the terms of the whole.
+
+    Returns
+    -------
+    EnergyTerms
+
+    Raises
+    ------
+    ValueError
+        For arrays of different shapes, labels or elements out of range.
+    """
+    y = checked_observed(observed)
+    x = checked_field("labels", labels, y.shape, levels)
+    h, v = (
+        np.full(y.shape, UNCOMMITTED) if field is None else checked_field(name, field, y.shape, 2)
+        for name, field in (("horizontal", horizontal), ("vertical", vertical))
+    )
+    (top, bottom, _), (left, right, _) = (part.indices(n) for part, n in zip(core, y.shape, strict=True))
+    h, v = _existing(h, v, ~np.isnan(y))
+    differences = np.zeros(levels, np.int64)
+    squares, unparted = _count_pairs(y, x, h, v, top, bottom, left, right, differences)
+    return EnergyTerms(squares, differences, int(unparted), *_count_lines(h, v, top, bottom, left, right))
+
+
+def energy(
+    observed: ArrayLike,
+    labels: ArrayLike,
+    horizontal: ArrayLike | None,
+    vertical: ArrayLike | None,
+    model: EdgeModel,
+) -> float:
+    """U of a configuration; arguments and errors as `energy_terms`."""
+    return energy_terms(observed, labels, horizontal, vertical, model.levels).total(model)

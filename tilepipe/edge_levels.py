@@ -1,0 +1,77 @@
+"""The grey levels of a photograph: one pass that counts values, from which the levels of the whole image follow."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tilepipe.edge_parameters import EdgeParameters
+from tilepipe.errors import InputError
+from tilepipe.grid import Tile
+from tilepipe.ledger import Facts
+from tilepipe.photograph import Photograph
+from tilepipe_kernels import levels
+from tilepipe_kernels.grey_levels import LARGEST_GREY, stretch, to_levels
+
+
+@dataclass(frozen=True)
+class LevelScale:
+    """How grey values of a photograph become levels.
+
+    ``darkest`` and ``brightest`` are the values that become 0 and 255; ``means`` are the grey values of the levels on
+    that scale, ascending.
+    """
+
+    darkest: float
+    brightest: float
+    means: tuple[float, ...]
+
+    def grey(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Values on the scale of 0–255."""
+        return stretch(values, self.darkest, self.brightest)
+
+    def levels(self, grey: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Grey values of 0–255 in units of a level."""
+        return to_levels(grey, np.array(self.means))
+
+
+def count_greys(photograph: Photograph, tile: Tile) -> Facts:
+    """Tile function (halo 0): histogram of the valid grey values."""
+    counts = levels.histogram(photograph.read(tile.core))
+    bins = np.flatnonzero(counts)
+    return {"bins": bins.astype(np.int32), "counts": counts[bins]}
+
+
+def level_scale(facts: Iterable[Facts], parameters: EdgeParameters, name: str) -> LevelScale:
+    """Levels of least variance within them (`levels.class_means`), from the histograms of all tiles.
+
+    Raises
+    ------
+    InputError
+        When the image holds only nodata, or fewer grey values than levels.
+    """
+    counts = np.zeros(levels.BINS, np.int64)
+    for tile in facts:
+        counts[tile["bins"]] += tile["counts"]
+    filled = np.flatnonzero(counts)
+    if filled.size == 0:
+        raise InputError(f"{name}: holds nothing but nodata; check the file and its nodata value")
+    darkest = levels.percentile(counts, parameters.lowest_percentile)
+    brightest = levels.percentile(counts, parameters.highest_percentile)
+    if not brightest > darkest:
+        darkest, brightest = (float(value) for value in levels.bin_values(filled[[0, -1]]))
+    if filled.size < parameters.levels or not brightest > darkest:
+        raise InputError(
+            f"{name}: holds {filled.size} grey values, fewer than the {parameters.levels} levels asked for; "
+            "use --set levels=n"
+        )
+    grey = np.rint(stretch(levels.bin_values(filled)[None], darkest, brightest)[0]).astype(np.int64)
+    of_grey = np.bincount(grey, counts[filled], int(LARGEST_GREY) + 1).astype(np.int64)
+    try:
+        means = levels.class_means(of_grey, parameters.levels)
+    except ValueError as error:
+        raise InputError(f"{name}: {error}; use --set levels=n") from None
+    return LevelScale(darkest, brightest, tuple(float(mean) for mean in means))

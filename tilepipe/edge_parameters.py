@@ -1,0 +1,61 @@
+"""The parameters of `edges`; those of the model are in the unit of one grey level, as the paper's are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from tilepipe.parameters import checked_parameters
+from tilepipe.photograph import Grey
+
+Potential = Literal["reciprocal", "quadratic"]
+Scheme = Literal["sequential", "integrated"]
+
+
+class EdgeParameters(BaseModel):
+    """Parameters of the edges pipeline: lengths in metres unless said otherwise."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    # grey levels
+    grey: Grey = Field("automatic", description="grey value of several bands: automatic, luminance or principal")
+    lowest_percentile: float = Field(1.0, ge=0, lt=100, description="percentile of the image that becomes grey 0")
+    highest_percentile: float = Field(99.0, gt=0, le=100, description="percentile that becomes grey 255")
+    levels: int = Field(2, ge=2, le=64, description="grey levels to which the image is reduced (K)")
+
+    # model
+    potential: Potential = Field("reciprocal", description="f(d): reciprocal, -1/(1 + |d|), or quadratic, d²")
+    scheme: Scheme = Field("sequential", description="levels first and lines then (sequential), or both (integrated)")
+    noise: float = Field(0.3, gt=0, le=100, description="noise of the image in grey levels (σ)")
+    smoothness: float = Field(1.0, ge=0, le=100, description="weight of equal neighbours (β)")
+    step_weight: float = Field(0.5, ge=0, le=100, description="weight of steps that no line element marks (α)")
+    continuity: float = Field(0.5, ge=0, le=100, description="weight of lines that end (γ)")
+    corners: float = Field(0.5, ge=0, le=100, description="weight of corners (ξ)")
+    parallels: float = Field(0.5, ge=0, le=100, description="weight of parallel lines side by side (ζ)")
+
+    # edge lines
+    simplification: float = Field(0.5, ge=0, le=0.5, description="tolerance of the lines' vertices in pixels")
+    minimum_length: float = Field(3.0, ge=0, le=1e06, description="shortest edge line (m)")
+    minimum_street_width: float = Field(4.0, gt=0, le=1000, description="narrowest street between two edges (m)")
+    maximum_street_width: float = Field(25.0, gt=0, le=1000, description="widest street between two edges (m)")
+    maximum_street_angle: float = Field(
+        10.0, gt=0, le=45, description="largest angle of the two borders of a street (degrees)"
+    )
+
+    # Nevatia–Babu
+    nevatia_babu: bool = Field(True, description="find edges by the classical method as well")
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        if self.lowest_percentile >= self.highest_percentile:
+            raise ValueError("lowest_percentile must lie below highest_percentile")
+        if self.minimum_street_width > self.maximum_street_width:
+            raise ValueError("minimum_street_width must not exceed maximum_street_width")
+        return self
+
+
+def edge_parameters(values: Mapping[str, Any]) -> EdgeParameters:
+    """Parameters from named values; errors as for `checked_parameters`."""
+    return checked_parameters(EdgeParameters, values)
