@@ -52,6 +52,69 @@ def test_not_a_raster(monkeypatch, capsys, tmp_path):
     assert "folder: is a folder but no Zarr" in refused(monkeypatch, capsys, tmp_path / "run", tmp_path / "folder")
 
 
+@pytest.mark.parametrize("layout", [{}, {"tiled": True, "blockxsize": 16, "blockysize": 16, "compress": "deflate"}])
+def test_damaged_rasters(monkeypatch, capsys, tmp_path, layout):
+    import rasterio
+
+    path = tmp_path / "a.tif"
+    profile = {"driver": "GTiff", "width": 70, "height": 60, "count": 1, "dtype": "float32", "crs": "EPSG:32633"}
+    with rasterio.open(path, "w", **profile, transform=Affine(1, 0, 5e5, 0, -1, 5e6), **layout) as dataset:
+        dataset.write(VALUES, 1)
+    content = path.read_bytes()
+    path.write_bytes(content[: len(content) * 3 // 4])
+    error = refused(monkeypatch, capsys, tmp_path / "run", path)
+    assert "a.tif: is damaged, it has" in error
+    path.write_bytes(content[:6])
+    assert "a.tif: is no raster that GDAL can read, or is damaged" in refused(monkeypatch, capsys, tmp_path / "r", path)
+    if layout:
+        # whole in length, but one block is rubbish: found only when a tile reads it
+        middle = len(content) // 2
+        path.write_bytes(content[:middle] + b"\xff" * 200 + content[middle + 200 :])
+        code, error = run(monkeypatch, capsys, "streets", path, "--out", tmp_path / "run", "--quiet")
+        assert code == 2
+        assert "a.tif: is damaged, its rows 0:60, columns 0:70 cannot be read; copy the file anew" in error
+        assert len(error.strip().splitlines()) == 1
+
+
+def test_a_picture_without_georeferencing(monkeypatch, capsys, tmp_path):
+    from PIL import Image
+
+    Image.fromarray(VALUES.clip(0, 255).astype(np.uint8)).save(tmp_path / "a.png")
+    assert "a.png: has no georeferencing" in refused(monkeypatch, capsys, tmp_path / "run", tmp_path / "a.png")
+
+
+def test_a_named_crs_must_not_differ(monkeypatch, capsys, tmp_path, good):
+    error = refused(monkeypatch, capsys, tmp_path / "run", good, "--crs", "EPSG:28992")
+    assert "good.tif: is in WGS 84 / UTM zone 33N but --crs names Amersfoort / RD New" in error
+    assert run(monkeypatch, capsys, "streets", good, "--crs", "EPSG:32633", "--plan")[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "line"),
+    [
+        (("streets",), "missing argument 'RASTER'; see tilepipe streets --help"),
+        (("streets", "a.tif", "--nonsense"), "no such option: --nonsense"),
+        (("streets", "a.tif", "--tile", "big"), "invalid value for '--tile': "),
+        (("streets", "a.tif", "--out"), "option '--out' requires an argument"),
+        (("nonsense",), "no such command 'nonsense'"),
+        (("evaluate", "a.gpkg", "b.gpkg", "c.gpkg"), "got unexpected extra argument"),
+    ],
+)
+def test_usage(monkeypatch, capsys, arguments, line):
+    code, error = run(monkeypatch, capsys, *arguments)
+    assert code == 2
+    assert error.startswith(f"tilepipe: error: {line}")
+    assert len(error.splitlines()) == 1
+    assert error.rstrip().endswith("--help")
+
+
+def test_evaluate_takes_tables(monkeypatch, capsys, tmp_path, good):
+    code, error = run(monkeypatch, capsys, "evaluate", good, good)
+    assert code == 2
+    assert "the result" in error and "good.tif cannot be read as lines or polygons; give a layer of a run" in error
+    assert len(error.splitlines()) == 1
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [

@@ -18,7 +18,7 @@ import rasterio
 import tilepipe
 from tests.scenes import SMALL, band, draw, layer_bytes, write_raster
 from tilepipe import cli, passes
-from tilepipe.cli import _assignments
+from tilepipe.cli_pipelines import assignments
 from tilepipe.errors import InputError
 from tilepipe.options import RunOptions, format_memory, parse_memory
 from tilepipe.run import STATE
@@ -102,6 +102,23 @@ def test_the_list_of_commands_is_complete(tell):
     assert all(command in text for command in COMMANDS)
 
 
+def test_without_a_command_the_help_is_shown(tell):
+    code, text, error = tell()
+    assert (code, error) == (2, "")
+    assert all(command in text for command in COMMANDS)
+
+
+def test_pipelines_share_their_options():
+    import inspect
+
+    from tilepipe import cli_pipelines
+
+    own, shared = (inspect.signature(command).parameters for command in (cli_pipelines.streets, cli_pipelines.objects))
+    assert list(shared)[:3] == ["rasters", "out", "tile"]
+    assert list(own) == ["rasters", "out", "height", *list(shared)[2:]]
+    assert all(own[name] == shared[name] for name in shared)
+
+
 def test_unknown_options_and_commands_exit_with_2(tell):
     assert tell("streets", "--nonsense")[0] == 2
     assert tell("nonsense")[0] == 2
@@ -129,6 +146,12 @@ def test_plan(tell, scene, tmp_path, finished):
     assert [line.split()[0] for line in text.splitlines()[2:-1]] == ["levels", "segment", "lines", "export"]
     assert "limit 8.0 GiB" in text
     assert tell("plan", finished / "run.toml") == (0, text, "")
+
+
+def test_a_plan_of_one_tile_is_worded_so(tell, scene):
+    text = tell("streets", scene, "--plan", "--workers", 2)[1]
+    assert "1 tile of 2046 × 2046" in text or "1 tile of 2048 × 2048" in text
+    assert "with 1 worker (" in text
 
 
 def test_status_of_a_finished_run(tell, finished):
@@ -199,6 +222,7 @@ def test_a_record_of_ones_own_needs_the_inputs_only(tell, tmp_path, scene):
         ('command = "streets"\n[options]\ntiles = 3', "unexpected keyword argument 'tiles'; remove it"),
         ('command = "streets"\n[options]\ntile = "big"', "tile 'big' is no whole number"),
         ('command = "streets"\nparameters = 3', "'parameters' is no table"),
+        ('command = "objects"\n[inputs]\nheights = ["a.tif"]', "objects takes no 'heights'; it takes rasters, crs"),
     ],
 )
 def test_bad_records_are_refused_in_one_line(tell, tmp_path, text, words):
@@ -301,13 +325,13 @@ def test_overwriting_does_not_clear_the_state_of_a_process_at_work(tell, monkeyp
 # --- parsing
 
 
-def test_assignments():
+def testassignments():
     texts = ["a=3", "b=0.5", "c=true", "d=histogram", 'e="x=y"', "f=", "g = 4", "a=5"]
     expected = {"a": 5, "b": 0.5, "c": True, "d": "histogram", "e": "x=y", "f": "", "g": 4}
-    assert _assignments(texts) == expected
+    assert assignments(texts) == expected
     for bad in ("tolerance", "=3"):
         with pytest.raises(InputError, match="write --set name=value"):
-            _assignments([bad])
+            assignments([bad])
 
 
 def test_memory_sizes():

@@ -132,8 +132,11 @@ def test_crs_errors(tmp_path) -> None:
         grid_clouds([none], tmp_path / "o.tif")
     with pytest.raises(InputError, match="not projected"):
         grid_clouds([degrees], tmp_path / "o.tif")
-    with pytest.raises(InputError, match="reproject"):
+    with pytest.raises(InputError, match=r"utm\.las: is in ETRS89 / UTM zone 32N but --crs names Amersfoort"):
         grid_clouds([none, utm], tmp_path / "o.tif", crs="EPSG:28992")
+    zone = write(tmp_path / "zone.las", [1], [1], [1], crs="EPSG:25833")
+    with pytest.raises(InputError, match="reproject"):
+        grid_clouds([utm, zone], tmp_path / "o.tif")
     with pytest.raises(InputError, match="EPSG:n"):
         grid_clouds([none], tmp_path / "o.tif", crs="Amsterdam")
     feet = write(tmp_path / "feet.las", [1], [1], [1], crs="EPSG:25832+6360")
@@ -267,3 +270,13 @@ def test_autzen_in_feet(shared_data, tmp_path) -> None:
         heights = dataset.read(1)
     assert 415 < np.nanmin(heights) < np.nanmax(heights) < 505
     assert np.isfinite(heights).mean() > 0.99
+
+
+def test_clouds_far_apart_are_refused(tmp_path) -> None:
+    near = [write(tmp_path / f"near{k}.las", [5e5, 5e5 + 500], [5e6, 5e6 + 500], [1, 1]) for k in range(2)]
+    far = write(tmp_path / "far.las", [8e5, 8e5 + 500], [5.4e6, 5.4e6 + 500], [1, 1])
+    with pytest.raises(InputError, match=r"far\.las and .*near0\.las lie 500 km apart: .* 481 Gpx, 160,147 times"):
+        grid_clouds([*near, far], tmp_path / "o.tif")
+    assert not (tmp_path / "o.tif").exists()
+    # few cells, however empty
+    assert grid_clouds([*near, far], tmp_path / "o.tif", resolution=50).exists()

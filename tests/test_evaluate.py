@@ -182,7 +182,8 @@ def test_unusable_files_are_refused(tmp_path: Path) -> None:
         (degrees, good, "longitude and latitude"),
         (nowhere, good, "names no CRS"),
         (polygons, good, "Polygon"),
-        (garbage, good, "cannot be read"),
+        (garbage, good, r"garbage\.gpkg cannot be read as lines or polygons; give a layer of a run"),
+        (good, tmp_path, "is a folder"),
         (good, empty, "no lines"),
     ]:
         with pytest.raises(InputError, match=message):

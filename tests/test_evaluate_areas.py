@@ -16,9 +16,9 @@ from typer.testing import CliRunner
 
 from tilepipe import cli
 from tilepipe.errors import InputError
-from tilepipe.evaluate import both_polygons
 from tilepipe.evaluate_areas import AreaScore, evaluate_areas, evaluate_polygons
 from tilepipe.export import write_table
+from tilepipe.vector_layers import are_polygons, read_layer
 
 side = st.integers(1, 12)
 place = st.integers(0, 30)
@@ -90,6 +90,17 @@ def test_dissolving_makes_a_terrace_one_object() -> None:
     split = evaluate_polygons([box(0, 0, 30, 10)], [*houses, corner, apart])
     assert (split.objects.truth_count, split.common_area) == (8, score.common_area)
     assert split.truth_to_result.length == pytest.approx(6 * 30 + 20 + 40)
+
+
+def test_a_partition_is_not_dissolved() -> None:
+    ground = [box(x, y, x + 10, y + 10) for x in range(0, 80, 10) for y in range(0, 80, 10)]
+    # Two rows of houses back to back: each has a front of its own.
+    terraces = [box(x, y, x + 5, y + 10) for x in range(0, 80, 5) for y in (0, 10)]
+    for result, truth, role in ((ground, terraces, "result"), (terraces, ground, "truth")):
+        with pytest.raises(InputError, match=f"36 of the 64 polygons of the {role} are shut in.*buildings.parquet"):
+            evaluate_polygons(result, truth, dissolve=True)
+        evaluate_polygons(result, truth)
+    assert evaluate_polygons(terraces, terraces, dissolve=True).objects.result_count == 1
 
 
 def test_a_multipolygon_is_one_object_unless_dissolved() -> None:
@@ -177,7 +188,8 @@ def test_scores_are_those_of_the_unions(
 ) -> None:
     one, other = (shapely.union_all(shapely.make_valid(part)) for part in (a, b))
     if area is not None:
-        one, other = one.intersection(area), other.intersection(area)
+        # without the lines and points in which a layer only touches the area
+        one, other = (part.intersection(area).buffer(0) for part in (one, other))
     if other.area == 0:
         return
     score = evaluate_polygons(a, b, dissolve=dissolve, area=area, step=2)
@@ -266,11 +278,12 @@ def test_unusable_files_are_refused(tmp_path: Path) -> None:
         with pytest.raises(InputError, match=message):
             evaluate_areas(result, truth)
     assert evaluate_areas(empty, good).completeness == 0
-    assert both_polygons(empty, good)
-    assert both_polygons(good, empty)
-    assert not both_polygons(lines, empty)
+    none, polygons, network = (read_layer(path, "result") for path in (empty, good, lines))
+    assert are_polygons(none, polygons)
+    assert are_polygons(polygons, none)
+    assert not are_polygons(network, none)
     with pytest.raises(InputError, match="two layers"):
-        both_polygons(lines, good)
+        are_polygons(network, polygons)
 
 
 def test_one_plane_with_and_without_heights(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from pyproj import CRS
 from pyproj.exceptions import CRSError
 
 from tilepipe.errors import InputError
+from tilepipe.georeference import check_named_crs, split_crs
 
 Value = Literal["height", "intensity"]
 Returns = Literal["first", "last", "all"]
@@ -87,18 +88,6 @@ class PointFilter:
         return kept
 
 
-def split_crs(crs: CRS) -> tuple[CRS, str | None]:
-    """Horizontal part of a CRS, and the unit of its vertical part by name (None without one)."""
-    if crs.is_bound and crs.source_crs is not None:
-        return split_crs(crs.source_crs)
-    if crs.is_compound:
-        horizontal, vertical = crs.sub_crs_list[0], crs.sub_crs_list[1]
-        return split_crs(horizontal)[0], vertical.axis_info[0].unit_name
-    if len(crs.axis_info) == 3:
-        return crs.to_2d(), crs.axis_info[2].unit_name
-    return crs, None
-
-
 def metres_per_unit(crs: CRS) -> float:
     """Length of a projected CRS's unit in metres.
 
@@ -134,8 +123,8 @@ def _crs_of(header: laspy.LasHeader) -> tuple[CRS | None, str | None]:
         crs = None
     if crs is None:
         return None, _vertical_unit_of_keys(header)
-    horizontal, vertical_unit = split_crs(crs)
-    return horizontal, vertical_unit or _vertical_unit_of_keys(header)
+    horizontal, vertical = split_crs(crs)
+    return horizontal, str(vertical.unit_name) if vertical else _vertical_unit_of_keys(header)
 
 
 def find_clouds(paths: Sequence[str | Path]) -> list[Path]:
@@ -204,7 +193,7 @@ def common_crs(clouds: Sequence[Cloud], crs: str | CRS | None = None) -> tuple[C
     clouds
         At least one.
     crs
-        For clouds that name none; those that name one keep it.
+        For clouds that name none; no cloud may name another.
 
     Returns
     -------
@@ -216,21 +205,24 @@ def common_crs(clouds: Sequence[Cloud], crs: str | CRS | None = None) -> tuple[C
     Raises
     ------
     InputError
-        If a cloud has no CRS and none is given, if CRSs or height units differ, or if the CRS is not
-        projected.
+        If a cloud has no CRS and none is given, or names another than is given, if CRSs or height units differ,
+        or if the CRS is not projected.
     """
     given: CRS | None = None
     given_unit: str | None = None
     if crs is not None:
         try:
-            given, given_unit = split_crs(CRS.from_user_input(crs))
+            given, vertical = split_crs(CRS.from_user_input(crs))
         except CRSError as error:
             raise InputError(f"cannot understand the CRS {crs!r}; write it as EPSG:n") from error
+        given_unit = str(vertical.unit_name) if vertical else None
     first: tuple[CRS, str] | None = None
     for cloud in clouds:
         horizontal = cloud.crs or given
         if horizontal is None:
             raise InputError(f"{cloud.path}: the file names no CRS; pass --crs EPSG:n")
+        if cloud.crs is not None and given is not None:
+            check_named_crs(str(cloud.path), cloud.crs, given)
         metres_per_unit(horizontal)
         unit = cloud.vertical_unit or given_unit or str(horizontal.axis_info[0].unit_name)
         if first is None:

@@ -12,22 +12,16 @@ from __future__ import annotations
 import math
 import os
 from dataclasses import asdict, dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from tilepipe.errors import InputError
 from tilepipe.matching import close_pairs, covered_length, lengths, matched, rms_distance, segments
+from tilepipe.vector_layers import LINES, VectorLayer, in_metres, read_area, read_layer, read_result
 
 if TYPE_CHECKING:
-    from geopandas import GeoDataFrame
     from shapely.geometry.base import BaseGeometry
-
-
-LINES = ("LineString", "MultiLineString")
-POLYGONS = ("Polygon", "MultiPolygon")
 
 
 @dataclass(frozen=True)
@@ -152,8 +146,8 @@ def evaluate_lines(
 
 
 def evaluate(
-    result_path: str | os.PathLike[str],
-    truth_path: str | os.PathLike[str],
+    result: str | os.PathLike[str] | VectorLayer,
+    truth: str | os.PathLike[str] | VectorLayer,
     buffer_m: float,
     area_path: str | os.PathLike[str] | None = None,
     *,
@@ -167,10 +161,11 @@ def evaluate(
 
     Parameters
     ----------
-    result_path
-        A vector file (GeoParquet or anything GDAL reads), or the folder of a finished ``streets`` run.
-    truth_path
-        A vector file of lines.
+    result
+        A vector file (GeoParquet or anything GDAL reads), the folder of a finished ``streets`` run, or a layer
+        already read.
+    truth
+        A vector file of lines, or a layer already read.
     buffer_m
         Largest distance of a match in metres.
     area_path
@@ -184,121 +179,14 @@ def evaluate(
         A file is missing or unreadable, holds no lines (area: polygons), or names no CRS; the result's CRS is
         geographic; the truth is empty.
     """
-    result = read_vectors(result_file(Path(result_path)), "result")
-    metres = metres_per_unit(result.crs, str(result_path))
-    truth = read_vectors(Path(truth_path), "truth").to_crs(result.crs)
-    area = None if area_path is None else read_area(Path(area_path), result.crs, metres)
+    extracted, true = read_result(result).of(LINES), read_layer(truth, "truth").of(LINES)
+    metres = extracted.metres_per_unit
+    table = true.table.to_crs(extracted.table.crs)
+    area = None if area_path is None else read_area(area_path, extracted.table.crs, metres)
     return evaluate_lines(
-        in_metres(result.geometry.to_numpy(), metres),
-        in_metres(truth.geometry.to_numpy(), metres),
+        extracted.in_metres(),
+        in_metres(table.geometry.to_numpy(), metres),
         buffer=buffer_m,
         area=area,
         direction_tolerance=direction_tolerance,
     )
-
-
-def read_area(path: Path, crs: Any, metres: float) -> Any:
-    """Union of a file's polygons in metres, reprojected to ``crs``, whose unit has so many metres."""
-    import shapely
-
-    polygons = read_vectors(path, "area", POLYGONS).to_crs(crs)
-    return shapely.union_all(in_metres(shapely.make_valid(polygons.geometry.to_numpy()), metres))
-
-
-def metres_per_unit(crs: Any, name: str) -> float:
-    """Length in metres of the unit of a projected CRS; `name` is what an error message calls its owner.
-
-    Raises
-    ------
-    InputError
-        There is no CRS, or it is geographic (degrees are no lengths).
-    """
-    from pyproj import CRS
-
-    if crs is None:
-        raise InputError(f"{name} names no CRS, so metres are unknown; write the CRS into the file")
-    crs = CRS.from_user_input(crs)
-    if crs.is_geographic:
-        raise InputError(
-            f"{name} is in longitude and latitude ({crs.name}), where a buffer in metres has no meaning; "
-            "give a projected file, such as the GeoParquet of the run"
-        )
-    return float(crs.axis_info[0].unit_conversion_factor) if crs.axis_info else 1.0
-
-
-def run_table(folder: Path, name: str) -> Path | None:
-    """Find the table `name` in a run's folder, in whatever format it was written, or None."""
-    from tilepipe.export import SUFFIX
-
-    for suffix in SUFFIX.values():
-        if (folder / f"{name}{suffix}").is_file():
-            return folder / f"{name}{suffix}"
-    return None
-
-
-def result_file(path: Path) -> Path:
-    """Return the file itself, or the centerlines, else the objects, of a run's folder.
-
-    Raises
-    ------
-    InputError
-        The folder holds neither.
-    """
-    if not path.is_dir():
-        return path
-    table = run_table(path, "centerlines") or run_table(path, "objects")
-    if table is None:
-        raise InputError(
-            f"{path} holds no centerlines.parquet and no objects.parquet; give the folder of a finished run"
-        )
-    return table
-
-
-def both_polygons(result_path: str | os.PathLike[str], truth_path: str | os.PathLike[str]) -> bool:
-    """Whether two layers are to be scored as polygons, not as lines; an empty layer may be either.
-
-    Raises
-    ------
-    InputError
-        A file is missing or unreadable, or names no CRS; one layer holds polygons and the other does not.
-    """
-    result = read_vectors(result_file(Path(result_path)), "result", LINES + POLYGONS)
-    truth = read_vectors(Path(truth_path), "truth", LINES + POLYGONS)
-    kinds = [set(table.geom_type.dropna()) for table in (result, truth)]
-    found = kinds[0] | kinds[1]
-    if found & set(LINES) and found & set(POLYGONS):
-        both = " and ".join(", ".join(sorted(kind)) for kind in kinds)
-        raise InputError(f"result and truth hold {both}; give two layers of lines, or two of polygons")
-    return bool(found & set(POLYGONS))
-
-
-def read_vectors(path: Path, role: str, types: tuple[str, ...] = LINES) -> GeoDataFrame:
-    """Read a vector file (GeoParquet or anything GDAL reads); `role` is what messages call it.
-
-    Raises
-    ------
-    InputError
-        The file is missing or unreadable, names no CRS, or holds geometries of other types.
-    """
-    import geopandas
-
-    if not path.is_file():
-        raise InputError(f"the {role} {path} does not exist; correct the path")
-    try:
-        table = geopandas.read_parquet(path) if path.suffix == ".parquet" else geopandas.read_file(path)
-    except Exception as error:
-        raise InputError(f"the {role} {path} cannot be read as a vector file: {error}") from error
-    found = set(table.geom_type.dropna()) if isinstance(table, geopandas.GeoDataFrame) else {"no geometry"}
-    if not found <= set(types):
-        raise InputError(f"the {role} {path} holds {', '.join(sorted(found))}; give {' or '.join(types)}")
-    if table.crs is None:
-        raise InputError(f"the {role} {path} names no CRS; write it into the file")
-    return table
-
-
-def in_metres(geometry: NDArray[np.object_], metres: float) -> NDArray[np.object_]:
-    """Geometries without heights, their coordinates multiplied by the length of the unit in metres."""
-    import shapely
-
-    scaled: NDArray[np.object_] = shapely.transform(shapely.force_2d(geometry), lambda points: points * metres)
-    return scaled

@@ -4,8 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from tilepipe.errors import InputError
+
+if TYPE_CHECKING:
+    from pyproj import CRS
+    from pyproj._crs import Axis
+
+_UNITS = {
+    1.0: "m metre metres meter meters",
+    0.01: "cm centimetre centimetres centimeter centimeters",
+    0.001: "mm millimetre millimetres millimeter millimeters",
+    0.3048: "ft foot feet international_foot international_feet",
+    1200 / 3937: "us_ft ft_us ftus usft us_foot us_feet us_survey_foot us_survey_feet survey_foot survey_feet sfoot",
+}
+_METRES = {name: metres for metres, names in _UNITS.items() for name in names.split()}
+"""Length in metres of the units that rasters name."""
+
+_SAME_UNIT = 1e-9
+"""Largest relative difference of two spellings of one unit."""
 
 
 @dataclass(frozen=True)
@@ -13,7 +31,8 @@ class Geometry:
     """Where the pixels of a raster lie: north-up grid of square pixels in a projected CRS.
 
     ``left``, ``top`` are the coordinates of the upper left corner and ``pixel`` is the pixel size, in CRS units;
-    ``metres`` is the length of one CRS unit in metres.
+    ``metres`` is the length of one CRS unit in metres, and ``height_metres`` that of one unit of heights, should the
+    values be heights.
     """
 
     crs: str
@@ -22,6 +41,7 @@ class Geometry:
     pixel: float
     shape: tuple[int, int]
     metres: float
+    height_metres: float
 
     @property
     def resolution(self) -> float:
@@ -35,7 +55,12 @@ class Geometry:
 
 
 def check_geometry(
-    name: str, crs: object, transform: Sequence[float], shape: tuple[int, int], override: str | None
+    name: str,
+    crs: object,
+    transform: Sequence[float],
+    shape: tuple[int, int],
+    override: str | None,
+    unit: str | None = None,
 ) -> Geometry:
     """Turn a CRS and an affine transform into a `Geometry`, refusing what the pipelines cannot use.
 
@@ -50,25 +75,24 @@ def check_geometry(
     shape
         Rows and columns.
     override
-        CRS to use when ``crs`` is None.
+        CRS to use when ``crs`` is None; must be the same otherwise.
+    unit
+        Unit of the values, as the source names it. Heights are in it where it is a length, else in the unit of the
+        vertical axis of the CRS, else in that of its horizontal axes.
 
     Raises
     ------
     InputError
         See `open_raster`.
     """
-    from pyproj import CRS
-    from pyproj.exceptions import CRSError
-
     a, b, c, d, e, f = transform[:6]
     if crs is None and override is None:
         raise InputError(f"{name}: has no coordinate reference system; pass --crs EPSG:n (crs='EPSG:n')")
-    try:
-        system = CRS.from_user_input(crs if crs is not None else override)
-    except CRSError as error:
-        raise InputError(f"{name}: CRS '{crs or override}' is not understood; pass --crs EPSG:n") from error
-    if system.is_compound:
-        system = system.sub_crs_list[0]
+    system, vertical = split_crs(_understood(crs if crs is not None else override, name))
+    if crs is not None and override is not None:
+        given, given_vertical = split_crs(_understood(override, "--crs"))
+        check_named_crs(name, system, given)
+        vertical = vertical or given_vertical
     if system.is_geocentric or system.is_vertical:
         raise InputError(f"{name}: {system.name} is no map projection; reproject it to a projected CRS first")
     if system.is_geographic:
@@ -87,4 +111,53 @@ def check_geometry(
     metres = float(system.axis_info[0].unit_conversion_factor) if system.axis_info else 1.0
     authority = system.to_authority(min_confidence=100)
     text = ":".join(authority) if authority else system.to_wkt()
-    return Geometry(text, float(c), float(f), float(a), shape, metres)
+    height_metres = unit_metres(unit) or (float(vertical.unit_conversion_factor) if vertical else metres)
+    return Geometry(text, float(c), float(f), float(a), shape, metres, height_metres)
+
+
+def _understood(crs: object, name: str) -> CRS:
+    from pyproj import CRS
+    from pyproj.exceptions import CRSError
+
+    try:
+        return CRS.from_user_input(crs)
+    except CRSError as error:
+        raise InputError(f"{name}: CRS '{crs}' is not understood; pass --crs EPSG:n") from error
+
+
+def split_crs(crs: CRS) -> tuple[CRS, Axis | None]:
+    """Horizontal part of a CRS, and its vertical axis (None without one)."""
+    if crs.is_bound and crs.source_crs is not None:
+        return split_crs(crs.source_crs)
+    if crs.is_compound:
+        horizontal, vertical = crs.sub_crs_list[:2]
+        return split_crs(horizontal)[0], vertical.axis_info[0] if vertical.axis_info else None
+    if not crs.is_geocentric and len(crs.axis_info) == 3:
+        return crs.to_2d(), crs.axis_info[2]
+    return crs, None
+
+
+def check_named_crs(name: str, named: CRS, given: CRS) -> None:
+    """Refuse a source that names another horizontal CRS than the user does.
+
+    Raises
+    ------
+    InputError
+        Names the source and both CRS.
+    """
+    code = named.to_epsg()
+    if not named.equals(given, ignore_axis_order=True) and (code is None or code != given.to_epsg()):
+        raise InputError(
+            f"{name}: is in {named.name} but --crs names {given.name}; --crs is for inputs that name no CRS: "
+            "leave it out, or correct the file if what it names is wrong"
+        )
+
+
+def unit_metres(unit: str | None) -> float | None:
+    """Length in metres of a unit by name (m, metre, ft, US survey foot, …); None where it is no known length."""
+    return _METRES.get("_".join((unit or "").lower().replace("-", " ").replace("_", " ").split()))
+
+
+def same_unit(a: float, b: float) -> bool:
+    """Whether two units have the same length, but for rounding."""
+    return abs(a - b) <= _SAME_UNIT * a

@@ -21,6 +21,9 @@ from tilepipe_kernels.point_tiles import MAXIMUM_SIDE, subcells
 _TILE, _SMALLEST_TILE = 1024, 512
 _FURTHEST_INDEX = 2.0**31
 
+_MANY_CELLS, _MOST_EMPTY = 1_000_000_000, 100
+"""A raster of more cells than this, and more than so many times those of its clouds, is hardly meant."""
+
 
 @dataclass(frozen=True)
 class GridPlan:
@@ -99,7 +102,7 @@ def plan_grid(
     clouds = tuple(read_cloud(path) for path in paths)
     horizontal, vertical_unit = common_crs(clouds, crs)
     cell = resolution / metres_per_unit(horizontal)
-    origin, shape = _extent(clouds, cell)
+    origin, shape = _extent(clouds, cell, resolution)
     reach = void_reach / resolution
     radius = (math.sqrt(2) if idw_radius is None else idw_radius / resolution) if method == "idw" else 0.0
     margin = kernel.halo(method, reach, radius)
@@ -133,19 +136,34 @@ def _tile_memory(padded_side: int, density: float) -> int:
     return padded_side**2 * (kernel.BYTES_PER_CELL + math.ceil(2 * density * kernel.BYTES_PER_POINT))
 
 
-def _extent(clouds: Sequence[Cloud], cell: float) -> tuple[tuple[int, int], tuple[int, int]]:
+def _extent(clouds: Sequence[Cloud], cell: float, resolution: float) -> tuple[tuple[int, int], tuple[int, int]]:
     """Global row and column of the first cell, and the shape, of the raster that holds all clouds."""
-    spans: list[tuple[int, int]] = []
+    boxes = np.array([_box(cloud, cell) for cloud in clouds])
+    (top, left), (bottom, right) = boxes[:, :, 0].min(axis=0).tolist(), boxes[:, :, 1].max(axis=0).tolist()
+    shape = bottom - top + 1, right - left + 1
+    covered = int(np.prod(boxes[:, :, 1] - boxes[:, :, 0] + 1, axis=1).sum())
+    if math.prod(shape) > max(_MANY_CELLS, _MOST_EMPTY * covered):
+        centres = boxes.mean(axis=2)
+        astray = int(np.hypot(*(centres - centres.mean(axis=0)).T).argmax())
+        distances = np.hypot(*(centres - centres[astray]).T) * resolution / 1000
+        raise InputError(
+            f"{clouds[astray].path} and {clouds[int(distances.argmax())].path} lie {distances.max():,.0f} km apart: "
+            f"the raster would have {math.prod(shape) / 1e9:,.0f} Gpx, {math.prod(shape) // covered:,} times what the "
+            "clouds cover; grid clouds of one place at a time, and check the CRS of those that lie astray"
+        )
+    return (top, left), shape
+
+
+def _box(cloud: Cloud, cell: float) -> list[list[int]]:
+    """First and last of the global rows, and of the columns, of a cloud's bounding box."""
+    box: list[list[int]] = []
     for axis, side in ((1, -cell), (0, cell)):
-        indices: list[int] = []
-        for cloud in clouds:
-            raw, scale, offset = (
-                np.array([cloud.lowest[axis], cloud.highest[axis]]),
-                cloud.scales[axis],
-                cloud.offsets[axis],
-            )
-            if np.abs((raw * scale + offset) / cell).max() >= _FURTHEST_INDEX:
-                raise InputError("the resolution is too fine for the CRS's coordinates; coarsen it")
-            indices += (subcells(raw, scale, offset, side) >> 16).tolist()
-        spans.append((min(indices), max(indices) - min(indices) + 1))
-    return (spans[0][0], spans[1][0]), (spans[0][1], spans[1][1])
+        raw, scale, offset = (
+            np.array([cloud.lowest[axis], cloud.highest[axis]]),
+            cloud.scales[axis],
+            cloud.offsets[axis],
+        )
+        if np.abs((raw * scale + offset) / cell).max() >= _FURTHEST_INDEX:
+            raise InputError("the resolution is too fine for the CRS's coordinates; coarsen it")
+        box.append(sorted((subcells(raw, scale, offset, side) >> 16).tolist()))
+    return box

@@ -84,19 +84,25 @@ class Plan:
     def text(self) -> str:
         """The plan for people."""
         rows, columns = self.shape
+        tiles = f"{counted(self.tiles, 'tile')} of {self.tile_shape[0]} × {self.tile_shape[1]}"
         lines = [
             f"{self.command}: {rows} × {columns} pixels of {self.resolution:.3g} m "
-            f"({rows * columns / 1e6:.1f} Mpx), {self.tiles} tiles of {self.tile_shape[0]} × {self.tile_shape[1]}",
+            f"({rows * columns / 1e6:.1f} Mpx), {tiles}",
             f"{'pass':<12}{'halo (px)':>10}{'read twice':>12}{'memory':>12}",
         ]
         for item in self.passes:
             lines.append(f"{item.name:<12}{item.halo:>10}{item.overhead:>12.0%}{format_memory(item.memory):>12}")
         lines.append(f"{'export':<34}{format_memory(self.export_memory):>12}")
         lines.append(
-            f"peak memory about {format_memory(self.memory)} with {self.workers} workers "
+            f"peak memory about {format_memory(self.memory)} with {counted(self.workers, 'worker')} "
             f"(global facts {format_memory(self.global_memory)}); limit {format_memory(self.limit)}"
         )
         return "\n".join(lines)
+
+
+def counted(number: int, thing: str) -> str:
+    """A number of things in words: 1 tile, 2 tiles."""
+    return f"{number} {thing}{'' if number == 1 else 's'}"
 
 
 def plan_passes(

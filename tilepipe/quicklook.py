@@ -96,7 +96,7 @@ def open_run(run_dir: str | os.PathLike[str], rasters: Sequence[str | os.PathLik
     """
     import rasterio
 
-    from tilepipe.evaluate import metres_per_unit, read_vectors, run_table
+    from tilepipe.vector_layers import metres_per_unit, read_vectors, run_table
 
     folder = Path(run_dir)
     table = run_table(folder, "centerlines")

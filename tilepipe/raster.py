@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tilepipe.errors import InputError
-from tilepipe.georeference import Geometry
+from tilepipe.georeference import Geometry, same_unit
 from tilepipe.grid import Window
 from tilepipe.sources import Source, open_source
 
@@ -88,7 +88,7 @@ def open_raster(
     inputs
         Paths of GeoTIFF, COG, VRT or Zarr rasters, or xarray arrays; all on one pixel grid.
     crs
-        Coordinate reference system such as ``EPSG:28992`` for inputs that name none.
+        Coordinate reference system such as ``EPSG:28992`` for inputs that name none; no input may name another.
     band
         Band to use (from 1); needed when an input has several.
 
@@ -100,8 +100,9 @@ def open_raster(
     Raises
     ------
     InputError
-        When an input is missing, is no raster, has no or a geographic CRS, is rotated, has no square pixels, or does
-        not lie on the grid of the first; the message names it and says what to do.
+        When an input is missing, damaged or no raster, has no or a geographic CRS or another than ``crs``, is
+        rotated, has no square pixels, does not lie on the grid of the first, or has another unit of heights; the
+        message names it and says what to do.
     """
     if not inputs:
         raise InputError("no input raster: name at least one file")
@@ -109,6 +110,7 @@ def open_raster(
     first = sources[0].geometry
     for source in sources[1:]:
         _check_same_grid(source, sources[0])
+        _check_same_heights(source, sources[0])
     offsets = [
         (
             round((first.top - source.geometry.top) / first.pixel),
@@ -128,7 +130,8 @@ def open_raster(
     corner_top = max(source.geometry.top for source in sources)
     pixel = min(source.geometry.pixel for source in sources)
     crs, metres = min((len(s.geometry.crs), s.geometry.crs, s.geometry.metres) for s in sources)[1:]
-    geometry = Geometry(crs, corner_left, corner_top, pixel, shape, metres)
+    height_metres = min(source.geometry.height_metres for source in sources)
+    geometry = Geometry(crs, corner_left, corner_top, pixel, shape, metres, height_metres)
     return Raster(geometry, tuple(members))
 
 
@@ -153,6 +156,16 @@ def _check_same_grid(source: Source, reference: Source) -> None:
                 f"{source.name}: its pixels do not line up with those of {reference.name}; "
                 "resample one of them with gdalwarp -tap"
             )
+
+
+def _check_same_heights(source: Source, reference: Source) -> None:
+    """Refuse a source whose heights would be in another unit than the reference's."""
+    mine, theirs = source.geometry.height_metres, reference.geometry.height_metres
+    if not same_unit(mine, theirs):
+        raise InputError(
+            f"{source.name}: its heights count in units of {mine:.6g} m, those of {reference.name} in {theirs:.6g} m; "
+            "convert one of them, or name the unit in both with gdal_edit -units"
+        )
 
 
 def _short(crs: str) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import threading
+import warnings
 import zlib
 from collections import OrderedDict
 from collections.abc import Iterable
@@ -86,6 +87,7 @@ class FileSource:
         from rasterio.windows import Window as FileWindow
 
         part = FileWindow(window.left, window.top, window.columns, window.rows)
+        place = f"rows {window.top}:{window.bottom}, columns {window.left}:{window.right}"
         try:
             dataset = _dataset(self.path, self.stamp)
             values = dataset.read(self.band, window=part)
@@ -93,7 +95,7 @@ class FileSource:
             if _has_mask(dataset, self.band):
                 block[dataset.read_masks(self.band, window=part) == 0] = np.nan
         except RasterioError as error:
-            raise InputError(f"{self.name}: cannot be read ({error}); the file is damaged, copy it anew") from error
+            raise InputError(f"{self.name}: is damaged, its {place} cannot be read; copy the file anew") from error
         return _unpacked(block, dataset.scales[self.band - 1], dataset.offsets[self.band - 1])
 
 
@@ -151,10 +153,14 @@ def _status(file: str | Path) -> os.stat_result | None:
 
 def _file_source(path: Path, *, crs: str | None, band: int | None) -> FileSource:
     import rasterio
-    from rasterio.errors import RasterioError
+    from rasterio.errors import NotGeoreferencedWarning, RasterioError
 
     try:
-        with rasterio.open(path) as dataset:
+        with warnings.catch_warnings():
+            # a file without georeferencing is refused below
+            warnings.simplefilter("ignore", NotGeoreferencedWarning)
+            dataset = rasterio.open(path)
+        with dataset:
             band = _choose_band(str(path), dataset.count, band)
             if np.dtype(dataset.dtypes[band - 1]).kind == "c":
                 raise InputError(f"{path}: holds complex numbers; use a raster of real values")
@@ -163,12 +169,34 @@ def _file_source(path: Path, *, crs: str | None, band: int | None) -> FileSource
             if dataset.crs is None and transform.is_identity:
                 raise InputError(f"{path}: has no georeferencing; give it an origin and a pixel size with gdal_edit")
             system = dataset.crs.to_wkt() if dataset.crs else None
-            geometry = check_geometry(str(path), system, tuple(transform)[:6], (dataset.height, dataset.width), crs)
+            shape, unit = (dataset.height, dataset.width), dataset.units[band - 1]
+            geometry = check_geometry(str(path), system, tuple(transform)[:6], shape, crs, unit)
+            _check_whole(path, dataset, band)
             # the sources of a VRT count, statistics and overviews that other programs leave beside a file do not
             files = [name for name in dataset.files if not name.endswith((".aux.xml", ".ovr"))]
     except RasterioError as error:
-        raise InputError(f"{path}: is no raster that GDAL can read; use GeoTIFF, COG, VRT or Zarr") from error
+        raise InputError(
+            f"{path}: is no raster that GDAL can read, or is damaged; use GeoTIFF, COG, VRT or Zarr, or copy it anew"
+        ) from error
     return FileSource(str(path), geometry, str(path), band, _stamp(files))
+
+
+def _check_whole(path: Path, dataset: Any, band: int) -> None:
+    """Refuse a TIFF that ends before its last block does, as a broken transfer leaves it."""
+    if dataset.driver != "GTiff":
+        return
+    size, end, (rows, columns) = path.stat().st_size, 0, dataset.block_shapes[band - 1]
+    for row in range(-(-dataset.height // rows)):
+        for column in range(-(-dataset.width // columns)):
+            # a block that was never written has none of the two
+            offset, length = (
+                dataset.get_tag_item(f"BLOCK_{item}_{column}_{row}", "TIFF", bidx=band) for item in ("OFFSET", "SIZE")
+            )
+            end = max(end, int(offset or 0) + int(length or 0))
+    if end > size:
+        raise InputError(
+            f"{path}: is damaged, it has {size:,} bytes but its pixels reach to {end:,}; copy the file anew"
+        )
 
 
 def _choose_band(name: str, count: int, band: int | None) -> int:
@@ -239,7 +267,9 @@ def array_source(array: xr.DataArray, name: str, *, crs: str | None, band: int |
     if array.dtype.kind not in "biuf":
         raise InputError(f"{name}: holds {array.dtype} values; use a raster of real numbers")
     system = array.rio.crs.to_wkt() if array.rio.crs else None
-    geometry = check_geometry(name, system, _transform(array, name), (array.sizes[y], array.sizes[x]), crs)
+    shape, unit = (array.sizes[y], array.sizes[x]), array.attrs.get("units")
+    unit = unit if isinstance(unit, str) else None
+    geometry = check_geometry(name, system, _transform(array, name), shape, crs, unit)
     return ArraySource(name, geometry, array, nodata_of(array))
 
 

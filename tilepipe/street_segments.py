@@ -126,7 +126,7 @@ def _is_raised(context: SegmentContext, tile: Tile) -> NDArray[np.bool_]:
     heights = np.full(around.shape, np.nan, np.float32)
     if not part.is_empty:
         heights[part.relative_to(wanted).slices] = context.heights.raster.read(part)
-    heights *= np.float32(context.heights.raster.geometry.metres)
+    heights *= np.float32(context.heights.raster.geometry.height_metres)
     ground = morphology.open_grey(heights, math.ceil(p.ground_window / resolution / 2))
     inner = tile.core.relative_to(around).slices
     raised: NDArray[np.bool_] = heights[inner] - ground[inner] > np.float32(p.maximum_height)

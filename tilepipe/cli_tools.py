@@ -1,0 +1,161 @@
+"""The commands beside the runs: gridding, scores, pictures, and synthetic cities."""
+
+from __future__ import annotations
+
+import json
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from tilepipe.cli_options import Crs, Memory, Quiet, Seed, Workers
+from tilepipe.errors import InputError
+
+
+def grid(
+    clouds: Annotated[list[Path], typer.Argument(help="LAS, LAZ or COPC files, or folders of them.")],
+    out: Annotated[Path, typer.Option(help="GeoTIFF to write.")],
+    resolution: Annotated[float, typer.Option(help="Cell size in metres.")] = 0.5,
+    value: Annotated[Literal["height", "intensity"], typer.Option(help="What to grid.")] = "height",
+    method: Annotated[
+        Literal["nearest", "max", "min", "mean", "idw"], typer.Option(help="How a cell gets its value.")
+    ] = "nearest",
+    void_reach: Annotated[float, typer.Option(help="Fill voids from values within this reach (m).")] = 1.5,
+    returns: Annotated[Literal["all", "first", "last"], typer.Option(help="Returns to use.")] = "all",
+    idw_radius: Annotated[float | None, typer.Option(help="Radius of idw (m); the cell's diagonal by default.")] = None,
+    classes: Annotated[str | None, typer.Option(help="Point classes to use, such as 2,6.")] = None,
+    crs: Crs = None,
+    memory: Memory = "2GiB",
+    workers: Workers = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an existing file.")] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Grid lidar point clouds to a raster of heights or intensities."""
+    from tilepipe.gridding import grid_clouds
+    from tilepipe.options import parse_memory
+    from tilepipe.passes import default_workers
+    from tilepipe.progress import progress_bars
+
+    with progress_bars(quiet) as progress:
+        path = grid_clouds(
+            clouds,
+            out,
+            resolution=resolution,
+            value=value,
+            method=method,
+            void_reach=void_reach,
+            idw_radius=idw_radius,
+            returns=returns,
+            classes=_numbers(classes),
+            crs=crs,
+            memory=parse_memory(memory),
+            workers=workers or default_workers(),
+            overwrite=overwrite,
+            progress=progress,
+        )
+    if not quiet:
+        print(path)
+
+
+def _numbers(text: str | None) -> list[int] | None:
+    try:
+        return None if text is None else [int(part) for part in text.split(",")]
+    except ValueError:
+        raise InputError(f"--classes {text}: write class numbers with commas, such as 2,6") from None
+
+
+def evaluate(
+    result: Annotated[Path, typer.Argument(help="Table of lines or polygons, or the folder of a run.")],
+    truth: Annotated[Path, typer.Argument(help="Table of true lines or polygons.")],
+    buffer: Annotated[float, typer.Option(help="Farthest match of lines, or of polygons' boundaries (m).")] = 3.0,
+    area: Annotated[Path | None, typer.Option(help="Polygon table: score only inside.")] = None,
+    direction: Annotated[float | None, typer.Option(help="Largest angle between matching lines (degrees).")] = None,
+    overlap: Annotated[float, typer.Option(help="Polygons: share of an object's area that must match.")] = 0.5,
+    minimum_area: Annotated[float, typer.Option(help="Polygons: score objects from this area also apart (m²).")] = 50.0,
+    step: Annotated[float, typer.Option(help="Polygons: sampling of the boundaries (m).")] = 0.5,
+    dissolve: Annotated[
+        bool,
+        typer.Option(
+            "--dissolve",
+            help="Polygons: in both layers, those that touch are one object. Not for a layer that divides all of the "
+            "ground, such as objects.parquet: score buildings.parquet.",
+        ),
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Machine-readable output.")] = False,
+) -> None:
+    """Score lines (Heipke et al. 1997) or polygons (Rutzinger et al. 2009): completeness, correctness, quality, RMS."""
+    from tilepipe.evaluate import LineScore, evaluate
+    from tilepipe.evaluate_areas import AreaScore, evaluate_areas
+    from tilepipe.vector_layers import are_polygons, read_layer, read_result
+
+    layers = read_result(result), read_layer(truth, "truth")
+    score: LineScore | AreaScore
+    if are_polygons(*layers):
+        if direction is not None:
+            raise InputError("--direction is for lines; leave it out for polygons")
+        score = evaluate_areas(
+            *layers,
+            area,
+            overlap=overlap,
+            minimum_area=minimum_area,
+            cutoff=buffer,
+            step=step,
+            dissolve=dissolve,
+        )
+    else:
+        if dissolve:
+            raise InputError("--dissolve is for polygons; leave it out for lines")
+        score = evaluate(*layers, buffer, area, direction_tolerance=direction)
+    print(json.dumps(score.as_dict()) if as_json else score.summary())
+
+
+def report(folder: Annotated[Path, typer.Argument(help="Folder of a finished run.")]) -> None:
+    """Draw quick-look pictures of a run, and of streets a map page."""
+    from tilepipe.object_quicklook import object_pictures
+    from tilepipe.report import report
+
+    for path in object_pictures(folder) if (folder / "regions.tif").is_file() else report(folder):
+        print(path)
+
+
+def demo(
+    out: Annotated[Path, typer.Option(help="Folder of the demo.")] = Path("demo"),
+    size: Annotated[int, typer.Option(help="Side of the synthetic city in pixels.")] = 2048,
+    seed: Seed = 0,
+    quiet: Quiet = False,
+) -> None:
+    """Make a synthetic city, find its streets, score them, and draw them."""
+    from tilepipe.demo import run_demo
+    from tilepipe.progress import progress_bars
+
+    with progress_bars(quiet) as progress:
+        result = run_demo(out, size=size, seed=seed, progress=progress)
+    print(result)
+
+
+def city(
+    out: Annotated[Path, typer.Argument(help="Folder to write.")],
+    size: Annotated[int, typer.Option(help="Side in pixels.")] = 2048,
+    resolution: Annotated[float, typer.Option(help="Pixel size in metres.")] = 0.5,
+    layers: Annotated[str, typer.Option(help="Layers with commas: intensity,height,aerial,…")] = "intensity,height",
+    seed: Seed = 0,
+    workers: Workers = None,
+    quiet: Quiet = False,
+) -> None:
+    """Write a seeded synthetic city of any size with its truth."""
+    from tilepipe.passes import default_workers
+    from tilepipe.progress import progress_bars
+    from tilepipe.synthetic import City, write_city
+
+    with progress_bars(quiet) as progress:
+        paths = write_city(
+            out,
+            City(seed=seed, rows=size, columns=size, resolution=resolution),
+            layers=tuple(layers.split(",")),
+            workers=workers or default_workers(),
+            progress=partial(progress, "city"),
+        )
+    if not quiet:
+        for path in paths.values():
+            print(path)
