@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from rasterio.enums import ColorInterp
 from rasterio.transform import from_origin
 
-from tilepipe.edge_levels import count_greys, level_scale
+from tilepipe.edge_levels import CountContext, added, count_greys, edge_threshold, level_scale
 from tilepipe.edge_parameters import edge_parameters
 from tilepipe.errors import InputError
 from tilepipe.grid import TileGrid, Window
@@ -131,22 +131,28 @@ def test_levels_are_linear_between_the_means(means, seed):
     assert np.isnan(to_levels(np.full((1, 1), np.nan, np.float32), means)).all()
 
 
+def found(photograph, size):
+    context = CountContext(photograph, nevatia_babu=True)
+    facts = [count_greys(context, tile) for tile in TileGrid((40, 60), size).tiles(context.halo)]
+    scale = level_scale(added(facts, "grey"), edge_parameters({}), "photo.tif")
+    return scale, edge_threshold(added(facts, "edge"), None)
+
+
 def test_the_scale_does_not_depend_on_the_tiling(write):
     photograph = opened(write(bands(3)))
-    scales = {
-        level_scale(
-            [count_greys(photograph, tile) for tile in TileGrid((40, 60), size).tiles()], edge_parameters({}), ""
-        )
-        for size in ((40, 60), (11, 9))
-    }
-    (scale,) = scales
+    scales = {found(photograph, size) for size in ((40, 60), (11, 9))}
+    ((scale, threshold),) = scales
+    assert 0 < threshold < 255 * 1000
     assert 40 < scale.means[0] < 110 < 150 < scale.means[1] < 220
 
 
 def test_images_without_so_many_values_are_refused(write):
     flat = opened(write(np.full((1, 40, 60), 7, np.uint8)))
-    facts = [count_greys(flat, tile) for tile in TileGrid((40, 60), (40, 60)).tiles()]
     with pytest.raises(InputError, match="1 grey values, fewer than the 2 levels"):
-        level_scale(facts, edge_parameters({}), "photo.tif")
+        found(flat, (40, 60))
     with pytest.raises(InputError, match="nothing but nodata"):
-        level_scale([], edge_parameters({}), "photo.tif")
+        level_scale(added([], "grey"), edge_parameters({}), "photo.tif")
+
+
+def test_an_image_without_edges_has_no_threshold():
+    assert edge_threshold(added([], "edge"), None) == np.inf

@@ -13,7 +13,7 @@ from tilepipe.errors import InputError
 from tilepipe.grid import Tile
 from tilepipe.ledger import Facts
 from tilepipe.photograph import Photograph
-from tilepipe_kernels import levels
+from tilepipe_kernels import levels, nevatia_babu
 from tilepipe_kernels.grey_levels import LARGEST_GREY, stretch, to_levels
 
 
@@ -38,24 +38,55 @@ class LevelScale:
         return to_levels(grey, np.array(self.means))
 
 
-def count_greys(photograph: Photograph, tile: Tile) -> Facts:
-    """Tile function (halo 0): histogram of the valid grey values."""
-    counts = levels.histogram(photograph.read(tile.core))
-    bins = np.flatnonzero(counts)
-    return {"bins": bins.astype(np.int32), "counts": counts[bins]}
+@dataclass(frozen=True)
+class CountContext:
+    """What the pass needs to know; picklable."""
+
+    photograph: Photograph
+    nevatia_babu: bool
+
+    @property
+    def halo(self) -> int:
+        """Pixels around a core that the responses of edges depend on."""
+        return nevatia_babu.halo() if self.nevatia_babu else 0
 
 
-def level_scale(facts: Iterable[Facts], parameters: EdgeParameters, name: str) -> LevelScale:
-    """Levels of least variance within them (`levels.class_means`), from the histograms of all tiles.
+def count_greys(context: CountContext, tile: Tile) -> Facts:
+    """Tile function (halo of the context): histograms of the valid grey values and of the responses of edges."""
+    values, core = context.photograph.read(tile.padded), tile.core_in_padded.slices
+    counted = {"grey": levels.histogram(values[core])}
+    if context.nevatia_babu:
+        magnitude, direction = nevatia_babu.edge_responses(values)
+        elements = nevatia_babu.thin_edges(magnitude, direction)
+        counted["edge"] = nevatia_babu.count_magnitudes(magnitude[core], elements[core])
+    facts: Facts = {}
+    for name, counts in counted.items():
+        bins = np.flatnonzero(counts)
+        facts |= {f"{name}:bins": bins.astype(np.int32), f"{name}:counts": counts[bins]}
+    return facts
+
+
+def added(facts: Iterable[Facts], name: str) -> NDArray[np.int64]:
+    """Sum of a histogram, ``grey`` or ``edge``, over all tiles."""
+    counts = np.zeros(levels.BINS, np.int64)
+    for tile in facts:
+        counts[tile[f"{name}:bins"]] += tile[f"{name}:counts"]
+    return counts
+
+
+def edge_threshold(counts: NDArray[np.int64], share: float | None) -> float:
+    """Threshold of the classical method; infinite where the image has no edge at all."""
+    return nevatia_babu.threshold_from_histogram(counts, share) if counts.any() else np.inf
+
+
+def level_scale(counts: NDArray[np.int64], parameters: EdgeParameters, name: str) -> LevelScale:
+    """Levels of least variance within them (`levels.class_means`), from the histogram of the whole image.
 
     Raises
     ------
     InputError
         When the image holds only nodata, or fewer grey values than levels.
     """
-    counts = np.zeros(levels.BINS, np.int64)
-    for tile in facts:
-        counts[tile["bins"]] += tile["counts"]
     filled = np.flatnonzero(counts)
     if filled.size == 0:
         raise InputError(f"{name}: holds nothing but nodata; check the file and its nodata value")

@@ -9,9 +9,12 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from tilepipe.parameters import checked_parameters
 from tilepipe.photograph import Grey
+from tilepipe_kernels import line_field
+from tilepipe_kernels.edge_model import EdgeModel
 
 Potential = Literal["reciprocal", "quadratic"]
 Scheme = Literal["sequential", "integrated"]
+Optimiser = Literal["parallel", "messages", "icm", "annealing"]
 
 
 class EdgeParameters(BaseModel):
@@ -35,6 +38,14 @@ class EdgeParameters(BaseModel):
     corners: float = Field(0.5, ge=0, le=100, description="weight of corners (ξ)")
     parallels: float = Field(0.5, ge=0, le=100, description="weight of parallel lines side by side (ζ)")
 
+    # optimisation
+    optimiser: Optimiser = Field(
+        "parallel",
+        description="parallel (HCF in rounds), messages (of levels; lower energies with many levels), icm, annealing",
+    )
+    rounds: int = Field(24, ge=1, le=1000, description="most rounds for each field; sets the halo of the tiles")
+    sweeps: int = Field(100, ge=1, le=10_000, description="sweeps of annealing; set the halo of the tiles")
+
     # edge lines
     simplification: float = Field(0.5, ge=0, le=0.5, description="tolerance of the lines' vertices in pixels")
     minimum_length: float = Field(3.0, ge=0, le=1e06, description="shortest edge line (m)")
@@ -46,6 +57,14 @@ class EdgeParameters(BaseModel):
 
     # Nevatia–Babu
     nevatia_babu: bool = Field(True, description="find edges by the classical method as well")
+    edge_share: float | None = Field(
+        None,
+        gt=0,
+        le=1,
+        description="share of the thinned edge elements kept; none = corner of their histogram (Rosin)",
+    )
+    edge_tolerance: float = Field(1.0, gt=0, le=100, description="tolerance of its straight lines in pixels")
+    minimum_edge_length: float = Field(3.0, ge=0, le=1e06, description="shortest of its lines (m)")
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
@@ -53,7 +72,27 @@ class EdgeParameters(BaseModel):
             raise ValueError("lowest_percentile must lie below highest_percentile")
         if self.minimum_street_width > self.maximum_street_width:
             raise ValueError("minimum_street_width must not exceed maximum_street_width")
+        if self.scheme == "integrated" and self.optimiser == "messages":
+            raise ValueError("optimiser messages finds levels alone: use scheme sequential, or another optimiser")
         return self
+
+    def model(self) -> EdgeModel:
+        """The energy, in the letters of its equations."""
+        return EdgeModel(
+            levels=self.levels,
+            potential=self.potential,
+            alpha=self.step_weight,
+            gamma=self.continuity,
+            xi=self.corners,
+            zeta=self.parallels,
+            beta=self.smoothness,
+            sigma=self.noise,
+        )
+
+    @property
+    def line_method(self) -> line_field.Method:
+        """Optimiser of the lines: messages are for levels alone."""
+        return "parallel" if self.optimiser == "messages" else self.optimiser
 
 
 def edge_parameters(values: Mapping[str, Any]) -> EdgeParameters:
