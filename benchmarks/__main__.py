@@ -1,4 +1,4 @@
-"""The command line of the benchmarks: ``python -m benchmarks kernels`` and ``python -m benchmarks streets``."""
+"""The command line of the benchmarks: ``python -m benchmarks kernels``, ``... streets``, ``... objects``."""
 
 from __future__ import annotations
 
@@ -19,8 +19,15 @@ def main() -> None:
     kernels.add_argument("--only", default="", help="cases whose name holds this text; no page")
     streets = commands.add_parser("streets", help="the streets pipeline from end to end")
     streets.add_argument("--steps", type=int, default=50, help="diffusion steps")
-    for command in (kernels, streets):
-        command.add_argument("--size", type=int, nargs="+", help="side of the scene in pixels; several for streets")
+    objects = commands.add_parser("objects", help="the objects pipeline from end to end, and its parts")
+    objects.add_argument(
+        "--scenes", nargs="+", choices=("city", "amsterdam", "montpellier"), help="some; all by default"
+    )
+    objects.add_argument("--nodes", type=int, nargs="+", help="sizes of the samplers' graphs")
+    objects.add_argument("--only", choices=("pipeline", "samplers", "kernels"), help="one part; no page")
+    objects.add_argument("--data", type=Path, help="folder of the real surveys")
+    for command in (kernels, streets, objects):
+        command.add_argument("--size", type=int, nargs="+", help="side of the scene in pixels; several for pipelines")
         command.add_argument("--quick", action="store_true", help="a small scene, few rounds, no page: under a minute")
         command.add_argument("--rounds", type=int, help="repetitions after the warm-up")
         command.add_argument("--no-peers", action="store_true", help="measure tilepipe alone; no page")
@@ -40,6 +47,24 @@ def main() -> None:
             patience=0.5 if arguments.quick else 20.0,
             only=arguments.only,
             scratch=arguments.scratch,
+            **page,
+        )
+    elif arguments.command == "objects":
+        from benchmarks import objects as benchmark
+
+        if arguments.quick:
+            page |= {"kernel_size": benchmark.QUICK_KERNEL_SIZE, "updates": benchmark.QUICK_UPDATES}
+        chosen = {"scenes": arguments.scenes, "nodes": arguments.nodes, "data": arguments.data}
+        if arguments.quick:
+            chosen["nodes"] = arguments.nodes or benchmark.QUICK_NODES
+            chosen["scenes"] = arguments.scenes or ["city"]
+        benchmark.run_objects(
+            sizes=arguments.size or [benchmark.QUICK_SIZE if arguments.quick else benchmark.SIZE],
+            parts=[arguments.only] if arguments.only else benchmark.PARTS,
+            repetitions=arguments.rounds or (1 if arguments.quick else 3),
+            peers=not arguments.no_peers,
+            scratch=arguments.scratch,
+            **{name: value for name, value in chosen.items() if value is not None},
             **page,
         )
     else:

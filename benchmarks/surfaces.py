@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from benchmarks.harness import Call, Case, Contestant
 from benchmarks.scenes import Band, Scene, over_bands
 from tilepipe.arc_network import join_arcs
+from tilepipe.arc_simplification import simplify_arcs
 from tilepipe.object_leaves import to_ticks
 from tilepipe.polygons import assemble_polygons
 from tilepipe.synthetic import City, render
 from tilepipe_kernels import adjacency, quadtree
 from tilepipe_kernels.arcs import trace_arcs
 from tilepipe_kernels.car import CarModel, sample
-from tilepipe_kernels.merging import neighbour_lists
 
 DEVIATION = 350.0
 """σ0 in ticks of a millimetre."""
@@ -31,7 +31,8 @@ def _ticks(size: int) -> NDArray[np.int32]:
 
 
 @cache
-def _leaves(size: int) -> tuple[NDArray[np.int32], quadtree.LeafTable]:
+def city_leaves(size: int) -> tuple[NDArray[np.int32], quadtree.LeafTable]:
+    """Labels and leaves of a city of ``size`` pixels a side."""
     return quadtree.split(_ticks(size), threshold=DEVIATION**2, smallest=SMALLEST, largest=LARGEST)
 
 
@@ -101,7 +102,7 @@ def contacts_case(scene: Scene) -> Case:
 
 
 def _contacts(scene: Scene) -> Call:
-    labels, leaves = _leaves(scene.size)
+    labels, leaves = city_leaves(scene.size)
     count = leaves.first.size
 
     def part(band: Band) -> Any:
@@ -113,7 +114,7 @@ def _contacts(scene: Scene) -> Call:
 
 
 def _numpy_contacts(scene: Scene) -> Call:
-    labels = _leaves(scene.size)[0].astype(np.int64)
+    labels = city_leaves(scene.size)[0].astype(np.int64)
 
     def run(workers: int) -> Any:
         keys = []
@@ -127,67 +128,89 @@ def _numpy_contacts(scene: Scene) -> Call:
 
 def sampler_case(scene: Scene) -> Case:
     """Sweeps of the Gibbs sampler over the leaves; per node its neighbours, data and height."""
-    leaves = _leaves(scene.size)[1]
-    edges = len(adjacency.contacts(*_labels_and_count(scene)).edges)
-    nodes = leaves.first.size
+    model = city_model(scene.size)
     return Case(
         "Gibbs sampler of the leaves",
         "M updates/s",
-        nodes * SWEEPS / 1e6,
-        SWEEPS * (nodes * 40 + edges * 2 * 16),
+        len(model.count) * SWEEPS / 1e6,
+        SWEEPS * sweep_traffic(model),
         [Contestant("tilepipe sample", lambda: _sample(scene), ours=True, note="draws of both variances included")],
         aim=30,
     )
 
 
-def _labels_and_count(scene: Scene) -> tuple[NDArray[np.int32], int]:
-    labels, leaves = _leaves(scene.size)
-    return labels, leaves.first.size
+def sweep_traffic(model: CarModel) -> int:
+    """Bytes that a sweep must move: of a node its data and height, of each end of an edge its number and height."""
+    return len(model.count) * 40 + len(model.edges) * 2 * 12
+
+
+def city_model(size: int) -> CarModel:
+    """The model of the leaves of a city of ``size`` pixels a side, their spread limited as in `objects`."""
+    labels, leaves = city_leaves(size)
+    edges = adjacency.contacts(labels, leaves.first.size).edges - 1
+    count, total = leaves.count.astype(float), leaves.total / 1000
+    spread = np.clip(leaves.squares / 1e6 - total**2 / count, 0, count * DEVIATION**2 / 1e6)
+    return CarModel(edges, None, count, total / count, spread)
 
 
 def _sample(scene: Scene) -> Call:
-    leaves = _leaves(scene.size)[1]
-    edges = adjacency.contacts(*_labels_and_count(scene)).edges - 1
-    offsets, neighbours, _ = neighbour_lists(np.ascontiguousarray(edges), leaves.first.size)
-    count, total = leaves.count.astype(float), leaves.total / 1000
-    spread = np.maximum(leaves.squares / 1e6 - total**2 / count, 0)
-    model = CarModel(offsets, neighbours, np.ones(neighbours.size, np.float32), count, total / count, spread)
+    model = city_model(scene.size)
     return lambda workers: sample(model, burn_in=SWEEPS - 2, draws=2, tolerance=0.5, workers=workers)
 
 
-def polygons_case(scene: Scene) -> Case:
-    """Leaves to shapely polygons that share their borders."""
+def polygons_case(scene: Scene, tolerance: float = 0.0) -> Case:
+    """Leaves to shapely polygons that share their borders, simplified by a tolerance in pixels."""
+    regions = city_leaves(scene.size)[1].first.size
+    simplified = tolerance > 0
     return Case(
-        "polygons of the leaves",
+        "simplified polygons" if simplified else "polygons of the leaves",
         "Mpx/s",
         scene.megapixels,
         4 * scene.size**2,
         [
-            Contestant("tilepipe arcs and polygons", lambda: _polygons(scene), ours=True),
-            Contestant("rasterio.features.shapes", lambda: _shapes(scene), serial=True, share=1 / 16, note="a 16th"),
+            Contestant(
+                f"tilepipe arcs{', simplify_arcs' * simplified} and polygons",
+                lambda: _polygons(scene, tolerance),
+                ours=True,
+                note=f"{regions:,} regions",
+            ),
+            Contestant(
+                f"rasterio.features.shapes{', coverage_simplify' * simplified}",
+                lambda: _shapes(scene, tolerance),
+                serial=True,
+                share=1 / 16,
+                note="a 16th",
+            ),
         ],
         aim=8.5,
     )
 
 
-def _polygons(scene: Scene) -> Call:
-    labels = _leaves(scene.size)[0]
+def _polygons(scene: Scene, tolerance: float) -> Call:
+    labels = city_leaves(scene.size)[0]
 
     def part(band: Band) -> Any:
         core = (band.core.start, band.core.stop, 0, scene.size)
         return trace_arcs(labels[band.padded], core, origin=(band.low, 0))
 
     def run(workers: int) -> Any:
-        arcs = join_arcs(over_bands(part, scene.size, 1, workers))
-        return assemble_polygons(arcs).geometries(arcs)
+        exact = join_arcs(over_bands(part, scene.size, 1, workers))
+        rings = assemble_polygons(exact)
+        return rings.geometries(simplify_arcs(exact, tolerance, 1.0, 1.0) if tolerance > 0 else exact)
 
     return run
 
 
-def _shapes(scene: Scene) -> Call:
+def _shapes(scene: Scene, tolerance: float) -> Call:
+    import shapely
     from rasterio.features import shapes
     from shapely.geometry import shape
 
     side = scene.size // 4
-    labels = _leaves(scene.size)[0][:side, :side].copy()
-    return lambda workers: [shape(found) for found, _ in shapes(labels, connectivity=4)]
+    labels = city_leaves(scene.size)[0][:side, :side].copy()
+
+    def run(workers: int) -> Any:
+        polygons = [shape(found) for found, _ in shapes(labels, connectivity=4)]
+        return shapely.coverage_simplify(polygons, tolerance) if tolerance > 0 else polygons
+
+    return run

@@ -43,7 +43,7 @@ def parameter_table(model: type[BaseModel]) -> str:
 
 
 def shown(value: Any) -> str:
-    if value is None or isinstance(value, str):
+    if value is None or isinstance(value, str | bool):
         return str(value).lower()
     return "inf" if math.isinf(value) else f"{value:g}"
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.special import ndtr
 
 from tilepipe_kernels import car
-from tilepipe_kernels.car import CarModel, perturb_and_map, sample, sample_grid
+from tilepipe_kernels.car import CarModel, expect, perturb_and_map, sample, sample_grid, sample_variances
 from tilepipe_kernels.car_chain import Variances
 from tilepipe_kernels.car_exact import measure
 from tilepipe_kernels.car_sweeps import BLOCK, normal_tail, probability_of_same
@@ -32,11 +32,7 @@ def grid_scene(rows: int, columns: int, seed: int) -> Scene:
 
 def grid_model(rows: int, columns: int, seed: int = 0) -> CarModel:
     scene = grid_scene(rows, columns, seed)
-    both = np.concatenate([scene.edges, scene.edges[:, ::-1]])
-    both = both[np.lexsort(both.T[::-1])]
-    offsets = np.searchsorted(both[:, 0], np.arange(rows * columns + 1))
-    ones = np.ones(len(both), np.float32)
-    return CarModel(offsets, both[:, 1].astype(np.int32), ones, scene.count, scene.mean, scene.spread + 0.1)
+    return CarModel(scene.edges, None, scene.count, scene.mean, scene.spread + 0.1)
 
 
 def assert_equal(a, b):
@@ -106,6 +102,36 @@ def test_edge_probability_is_that_of_the_bivariate_normal():
         assert found == pytest.approx(ndtr((0.8 - d) / sd) - ndtr((-0.8 - d) / sd), abs=2e-7)
 
 
+@pytest.mark.parametrize("count", [1, 0])
+def test_expectation_is_that_of_the_normal_density(count):
+    scene = random_scene(9, nodes=8)
+    scene.count[3], scene.spread[3] = count, 0
+    model, smooth, fit = scene.model(), 0.7, 2.0
+    covariance = np.linalg.inv(scene.precision(smooth, fit))
+    centre = covariance @ (scene.count * scene.mean * fit)
+    mean, same = expect(model, 1 / smooth, 1 / fit, tolerance=TOLERANCE)
+    assert np.allclose(mean, centre, atol=0.02 * TOLERANCE)
+    matrix = np.linalg.inv(covariance)
+    for (i, j), found in zip(scene.edges, same, strict=True):
+        d = centre[i] - centre[j]
+        pair = np.linalg.inv(matrix[np.ix_([i, j], [i, j])])
+        sd = np.sqrt(pair[0, 0] + pair[1, 1] - 2 * pair[0, 1])
+        assert found == pytest.approx(ndtr((TOLERANCE - d) / sd) - ndtr((-TOLERANCE - d) / sd), abs=0.01)
+
+
+def test_variances_alone_are_those_of_the_whole_sample():
+    model, options = grid_model(70, 60), {"burn_in": 2, "draws": 4, "seed": 9}
+    whole = sample(model, **options, tolerance=TOLERANCE)
+    for workers in (1, 2):
+        traces = sample_variances(model, **options, workers=workers)
+        for name in ("smoothness", "noise", "log_density"):
+            np.testing.assert_array_equal(getattr(traces, name), getattr(whole, name))
+    mean, same = expect(model, 1.0, 0.3, tolerance=TOLERANCE)
+    again = expect(model, 1.0, 0.3, tolerance=TOLERANCE, workers=3)
+    np.testing.assert_array_equal(mean, again[0])
+    np.testing.assert_array_equal(same, again[1])
+
+
 def test_normal_tail_is_accurate():
     x = np.linspace(0, 40, 4001)
     assert np.allclose([normal_tail(value) for value in x], ndtr(-x), rtol=0, atol=8e-8)
@@ -125,7 +151,7 @@ def test_perturb_and_map_has_the_right_mean_and_covariance():
 @pytest.mark.parametrize("method", ["gibbs", "exact"])
 def test_threads_do_not_matter(method):
     model = grid_model(120, 90)
-    assert np.bincount(colour_graph(model.offsets, model.neighbours)).max() > 2 * BLOCK
+    assert np.bincount(colour_graph(model.edges, len(model.count))).max() > 2 * BLOCK
     one, two, three = (
         sample(model, burn_in=2, draws=4, tolerance=TOLERANCE, method=method, workers=workers) for workers in (1, 2, 3)
     )
@@ -157,12 +183,12 @@ def test_a_component_numbered_within_another_graph_draws_the_same(method):
         return
     results = []
     for these, ids in ((scene, np.arange(10) + 4), (alone, part + 4)):
-        chain = car._Chain(these.model(), ids, np.uint64(1), 1, None)
+        chain = car._Gibbs(these.model(), ids, np.uint64(1), 1, None)
         variances = Variances(car.Priors(), 4, 10, 0, True, np.uint64(1), 0.5, 0.2)
         for sweep in range(3):
-            roughness, misfit = chain.gibbs(variances, sweep)
-            assert np.allclose((roughness, misfit), measure(chain.graph, chain.x))
-        results.append(chain.x)
+            roughness, misfit = chain.draw(variances, sweep)
+            assert np.allclose((roughness, misfit), measure(chain.graph, chain.heights()))
+        results.append(chain.heights())
     np.testing.assert_array_equal(results[0][part], results[1])
 
 
@@ -208,14 +234,14 @@ def test_missing_pixels_are_no_nodes():
 def test_colours_are_greedy_in_node_order():
     scene = random_scene(5, nodes=12, extra=15)
     model = scene.model()
-    order, bounds = order_by_colour(colour_graph(model.offsets, model.neighbours))
+    order, bounds = order_by_colour(colour_graph(model.edges, len(model.count)))
     assert [order[a:b].tolist() for a, b in itertools.pairwise(bounds)] == greedy_classes(scene)
 
 
 def test_edges_can_be_chosen():
     model = random_scene(2).model()
     whole = sample(model, burn_in=0, draws=3, tolerance=1)
-    some = model.edges()[[3, 0, 2], ::-1]
+    some = model.edges[[3, 0, 2], ::-1]
     np.testing.assert_array_equal(
         sample(model, burn_in=0, draws=3, tolerance=1, edges=some).same, whole.same[[3, 0, 2]]
     )
@@ -232,24 +258,22 @@ def test_nodes_without_data_follow_their_neighbours():
 
 
 def test_bad_input_is_refused():
-    offsets, neighbours, weights = np.array([0, 1, 2]), np.array([1, 0], np.int32), np.ones(2, np.float32)
-    data = np.ones(2), np.zeros(2), np.zeros(2)
-    CarModel(offsets, neighbours, weights, *data)
+    edges, weights, data = np.array([[0, 1]]), np.ones(1), (np.ones(2), np.zeros(2), np.zeros(2))
     faults = {
-        "rows": (np.array([0, 2, 1]), neighbours, weights, *data),
-        "own node": (offsets, np.array([0, 0]), weights, *data),
-        "weights": (offsets, neighbours, 0 * weights, *data),
-        "symmetric": (offsets, neighbours, np.array([1.0, 2.0]), *data),
-        "no data": (offsets, neighbours, weights, np.zeros(2), np.zeros(2), np.zeros(2)),
-        "finite": (offsets, neighbours, weights, np.ones(2), np.full(2, np.nan), np.zeros(2)),
-        "one value": (offsets, neighbours, weights, np.ones(3), np.zeros(3), np.zeros(3)),
+        "the lower first": (np.array([[1, 0]]), weights, *data),
+        "node numbers": (np.array([[0, 2]]), weights, *data),
+        "pairs": (np.array([[0, 1, 2]]), weights, *data),
+        "sorted, each once": (np.array([[0, 1], [0, 1]]), None, *data),
+        "weights must be positive": (edges, 0 * weights, *data),
+        "weights must have": (edges, np.ones(2), *data),
+        "no data": (edges, weights, np.zeros(2), np.zeros(2), np.zeros(2)),
+        "finite": (edges, weights, np.ones(2), np.full(2, np.nan), np.zeros(2)),
+        "one value": (edges, weights, np.ones(3), np.zeros(2), np.zeros(2)),
     }
     for message, arrays in faults.items():
         with pytest.raises(ValueError, match=message):
             CarModel(*arrays)
-    with pytest.raises(ValueError, match="symmetric"):
-        CarModel(np.array([0, 1, 1]), neighbours[:1], weights[:1], *data)
-    model = CarModel(offsets, neighbours, weights, *data)
+    model = CarModel(edges, weights, *data)
     good = {"burn_in": 0, "draws": 2, "tolerance": 1.0}
     for bad in ({"draws": 1}, {"tolerance": -1}, {"workers": 0}, {"seed": -1}, {"fixed_variance": 0}, {"method": "x"},
                 {"site_ids": np.array([4, 4])}):  # fmt: skip

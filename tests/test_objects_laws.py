@@ -13,8 +13,8 @@ from tests.scenes import write_raster
 from tilepipe import InputError, RunOptions, objects, plan_objects
 from tilepipe.errors import TileError
 
-LAYERS = ("regions.tif", "objects.parquet", "boundaries.parquet", "convergence.json")
-FEW = {"burn_in": 10, "draws": 30}
+LAYERS = ("regions.tif", "objects.parquet", "boundaries.parquet", "buildings.parquet", "convergence.json")
+FEW = {"burn_in": 10, "draws": 30, "largest_building": 40.0}
 
 
 def roofs(side: int = 200) -> NDArray[np.float32]:

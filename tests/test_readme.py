@@ -10,7 +10,8 @@ import pytest
 import typer
 
 from tests.readme import README, code_blocks, commands, parameter_table, with_tables
-from tilepipe import cli
+from tilepipe import cli, cli_pipelines
+from tilepipe.object_building_table import BUILDING_COLUMNS
 from tilepipe.object_parameters import object_parameters
 from tilepipe.object_regions import BOUNDARY_COLUMNS, OBJECT_COLUMNS
 from tilepipe.street_network import COLUMNS
@@ -40,7 +41,7 @@ def test_commands_parse(words: list[str]) -> None:
     assert command is not None, f"tilepipe has no command {name}"
     context = command.make_context(name, arguments)
     checked = object_parameters if name == "objects" else street_parameters
-    checked(cli._assignments(context.params.get("set_") or []))
+    checked(cli_pipelines.assignments(context.params.get("set_") or []))
 
 
 def test_every_command_is_shown() -> None:
@@ -71,10 +72,10 @@ def test_examples_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (record,) = code_blocks(TEXT, "toml")
     (tmp_path / "city.toml").write_text(record)
     assert tomllib.loads(record)["command"] == "streets"
-    cli._run_record(cli._load_record(tmp_path / "city.toml", None), overwrite=True, quiet=True)
+    cli_pipelines.run_record(cli_pipelines.load_record(tmp_path / "city.toml", None), overwrite=True, quiet=True)
     assert (tmp_path / tomllib.loads(record)["out"] / "centerlines.parquet").is_file()
 
 
 def test_columns_of_objects_are_named() -> None:
-    for name in (*OBJECT_COLUMNS, *BOUNDARY_COLUMNS):
+    for name in (*OBJECT_COLUMNS, *BOUNDARY_COLUMNS, *BUILDING_COLUMNS):
         assert f"`{name}`" in TEXT

@@ -18,7 +18,7 @@ from tilepipe.planning import Plan
 from tilepipe.raster import Raster
 from tilepipe.run import Record, Run, absolute_name, open_run
 
-PICTURES = ("quicklook.png", "quicklook_detail.png", "report.html")
+PICTURES = ("quicklook.png", "quicklook_detail.png", "quicklook_buildings.png", "report.html")
 
 
 @dataclass(frozen=True)

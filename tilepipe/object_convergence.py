@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from tilepipe_kernels.car import Posterior
+from tilepipe_kernels.car import Traces
 from tilepipe_kernels.convergence import effective_sample_size, split_rhat
 
 LARGEST_RHAT = 1.1
@@ -15,7 +15,7 @@ LEAST_EFFECTIVE = 10.0
 """Fewer effective draws say too little of a variance."""
 
 
-def diagnose(posterior: Posterior, *, fixed_variance: bool) -> dict[str, Any]:
+def diagnose(posterior: Traces, *, fixed_variance: bool) -> dict[str, Any]:
     """Mean, standard deviation, effective sample size and split-R̂ of the variances of the leaves' heights.
 
     Parameters

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tilepipe.grid import TileGrid
 from tilepipe.ledger import Facts
-from tilepipe.object_leaves import TICKS_PER_METRE
+from tilepipe.object_relief import TICKS_PER_METRE, Relief
 from tilepipe.reconcile import Numbering
 from tilepipe.seams import seam_edges
 from tilepipe_kernels.merging import RegionGraph, Statistics
@@ -34,6 +34,8 @@ class Leaves:
         Lowest and highest pixel of each leaf in m, float32.
     spread
         Sum of the squared deviations from each leaf's mean in m², not limited as the graph's is.
+    relief
+        What the leaves tell of buildings, if it is asked for.
     """
 
     first: NDArray[np.int64]
@@ -43,6 +45,7 @@ class Leaves:
     lowest: NDArray[np.float32]
     highest: NDArray[np.float32]
     spread: NDArray[np.float64]
+    relief: Relief | None
 
     def lookup(self, values: NDArray[np.uint32]) -> NDArray[np.uint32]:
         """Values of the leaves, by local leaf number."""
@@ -83,25 +86,27 @@ def reconcile_leaves(grid: TileGrid, facts: list[Facts], largest_variance: float
         (np.concatenate([f[name] for f in facts])[order] / TICKS_PER_METRE).astype(np.float32)
         for name in ("lowest", "highest")
     )
-    return Leaves(first[order], rank, numbering, RegionGraph(statistics, edges, length), lowest, highest, spread)
+    relief = Relief.of_facts(facts, order)
+    graph = RegionGraph(statistics, edges, length)
+    return Leaves(first[order], rank, numbering, graph, lowest, highest, spread, relief)
 
 
 def _tile_contacts(
     facts: list[Facts], numbering: Numbering, rank: NDArray[np.int32]
-) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
+) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int32]]]:
     for tile, found in enumerate(facts):
         ends = rank[numbering.globalise(tile, found["edges"])]
-        yield _keys(ends), found["length"].astype(np.int64)
+        yield _keys(ends), found["length"].astype(np.int32)
 
 
 def _seam_contacts(
     grid: TileGrid, facts: list[Facts], numbering: Numbering, rank: NDArray[np.int32]
-) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
+) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int32]]]:
     for seam, a, b in seam_edges(grid, facts, "label"):
         both = (a > 0) & (b > 0)
         ends = [rank[numbering.globalise(tile, side[both])] for tile, side in ((seam.first, a), (seam.second, b))]
         keys, sides = np.unique(_keys(np.stack(ends, axis=1)), return_counts=True)
-        yield keys, sides
+        yield keys, sides.astype(np.int32)
 
 
 def _keys(ends: NDArray[np.int32]) -> NDArray[np.int64]:
@@ -111,10 +116,10 @@ def _keys(ends: NDArray[np.int32]) -> NDArray[np.int64]:
 
 
 def _joined(
-    parts: list[tuple[NDArray[np.int64], NDArray[np.int64]]],
-) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
+    parts: list[tuple[NDArray[np.int64], NDArray[np.int32]]],
+) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """Edges sorted by their leaves, each once; two leaves can meet in a tile or on a seam, and never in both."""
-    keys, length = (np.concatenate([part[side] for part in parts]) for side in (0, 1))
+    keys, length = np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
     order = np.argsort(keys, kind="stable")
     keys = keys[order]
     return np.stack([keys >> 32, keys & 0xFFFFFFFF], axis=1).astype(np.int32), length[order]

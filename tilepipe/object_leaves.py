@@ -10,13 +10,11 @@ from numpy.typing import NDArray
 from tilepipe.grid import Tile, TileGrid
 from tilepipe.ledger import Facts
 from tilepipe.object_parameters import ObjectParameters
+from tilepipe.object_relief import TICKS_PER_METRE, ReliefGauge
 from tilepipe.passes import StateArray, write_state
 from tilepipe.raster import Raster
 from tilepipe.seams import edge_facts
 from tilepipe_kernels import adjacency, extremes, quadtree
-
-TICKS_PER_METRE = 1000
-"""Heights are counted in millimetres, so that all sums are exact and do not depend on the tiling."""
 
 _FARTHEST = 30_000
 """No height lies farther from zero, in metres."""
@@ -39,25 +37,38 @@ class LeafContext:
         """Sides of the smallest and the largest leaf in pixels."""
         return self.parameters.leaf_sides(self.raster.geometry.resolution)
 
+    @property
+    def relief(self) -> ReliefGauge:
+        """How the ground and the shape of the surface are measured."""
+        return ReliefGauge(self.raster.geometry.resolution, self.parameters.largest_building)
 
-def to_ticks(heights: NDArray[np.float32], metres: float, largest_leaf: int = 1) -> tuple[NDArray[np.int32], int]:
-    """Heights in a unit of ``metres`` as whole millimetres, NaN as `quadtree.MISSING`; and how many were none.
+    @property
+    def halo(self) -> int:
+        """Pixels around a core that the pass reads."""
+        return self.relief.halo if self.parameters.buildings else 0
+
+
+def to_ticks(
+    heights: NDArray[np.float32], metres: float, largest_leaf: int = 1
+) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
+    """Heights in a unit of ``metres`` as whole millimetres, NaN as `quadtree.MISSING`; and which were none.
 
     What is farther than 30 km from zero, or than leaves of ``largest_leaf`` pixels can add up, is no height: it
-    becomes missing as well and is counted.
+    becomes missing as well and is marked.
     """
     scaled = np.rint(heights.astype(np.float64) * (metres * TICKS_PER_METRE))
     most = min(_FARTHEST * TICKS_PER_METRE, quadtree.REACH // largest_leaf)
     absurd = np.abs(scaled) > most
     ticks = np.where(absurd | np.isnan(scaled), quadtree.MISSING, scaled).astype(np.int32)
-    return ticks, int(np.count_nonzero(absurd))
+    return ticks, absurd
 
 
 def find_leaves(context: LeafContext, tile: Tile) -> Facts:
-    """Tile function (halo 0): facts are the leaves, their contacts, and the labels along the seams."""
-    core = tile.core
+    """Tile function: facts are the leaves, their relief, their contacts, and the labels along the seams."""
+    core, inner = tile.core, tile.core_in_padded.slices
     smallest, largest = context.sides
-    ticks, absurd = to_ticks(context.raster.read(core), context.raster.geometry.metres, largest)
+    around, absurd = to_ticks(context.raster.read(tile.padded), context.raster.geometry.height_metres, largest)
+    ticks = np.ascontiguousarray(around[inner])
     threshold = (context.parameters.split_deviation * TICKS_PER_METRE) ** 2
     labels, leaves = quadtree.split(
         ticks, threshold=threshold, smallest=smallest, largest=largest, origin=(core.top, core.left)
@@ -68,5 +79,7 @@ def find_leaves(context: LeafContext, tile: Tile) -> Facts:
     facts["first"] = (row + core.top) * context.grid.shape[1] + column + core.left
     lowest, highest = extremes.label_extremes(labels, ticks, leaves.first.size)
     facts |= {"edges": edges, "length": length, "lowest": lowest, "highest": highest}
-    facts["absurd"] = np.array([absurd])
+    facts["absurd"] = np.array([np.count_nonzero(absurd[inner])])
+    if context.parameters.buildings:
+        facts |= context.relief.measure(around, labels, leaves.count, tile)
     return facts | write_state({"labels": context.labels}, tile, {"labels": labels}) | edge_facts("label", labels)

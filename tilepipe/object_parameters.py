@@ -30,8 +30,8 @@ class ObjectParameters(BaseModel):
         "adjacency", description="weight of neighbours: all one (adjacency), by border length, or by contrast"
     )
     variance: float | None = Field(None, gt=0, description="variance of heights in a region (σ²); none = learned")
-    burn_in: int = Field(20, ge=0, le=100_000, description="sweeps before the first draw")
-    draws: int = Field(40, ge=4, le=100_000, description="draws of the posterior")
+    burn_in: int = Field(10, ge=0, le=100_000, description="sweeps before the first draw")
+    draws: int = Field(80, ge=4, le=100_000, description="draws of the posterior")
     thinning: int = Field(1, ge=1, le=1000, description="sweeps from one draw to the next")
 
     # merging
@@ -44,6 +44,19 @@ class ObjectParameters(BaseModel):
     # polygons
     minimum_area: float = Field(4.0, ge=0, description="smaller regions join their most similar neighbour (m²)")
     simplification: float = Field(0.75, ge=0, description="tolerance of the borders' vertices (m); 0 = pixel steps")
+    regularisation: float = Field(
+        0.0, ge=0, le=1000, description="largest move of a building's corner to make walls right-angled (m); 0 = off"
+    )
+
+    # buildings
+    buildings: bool = Field(True, description="recognise buildings and write them as a layer of their own")
+    minimum_building_height: float = Field(
+        2.5, gt=0, description="a building's roof is at least this high above the ground (m)"
+    )
+    minimum_building_area: float = Field(10.0, ge=0, description="smallest building (m²)")
+    largest_building: float = Field(
+        80.0, gt=0, le=1000, description="what is wider than this on its narrower side is ground (m)"
+    )
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:

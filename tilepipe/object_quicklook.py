@@ -1,4 +1,4 @@
-"""Pictures of an ``objects`` run: regions coloured by their height, and their borders by probability."""
+"""Pictures of an ``objects`` run: regions by their height, borders and buildings by their probability."""
 
 from __future__ import annotations
 
@@ -22,13 +22,14 @@ _LONGEST_SIDE = 1500
 _MARGIN, _HEADER, _FOOTER, _BAR = 40, 110, 80, 110
 _DETAIL_PIXELS = 400
 _MOST_BORDERS = 60_000
-HEIGHT_COLOURS, BORDER_COLOURS = "viridis", "plasma"
+HEIGHT_COLOURS, BORDER_COLOURS, BUILDING_COLOURS = "viridis", "plasma", "YlGnBu"
 
 
 def object_pictures(run_dir: str | os.PathLike[str]) -> list[Path]:
     """Draw a finished ``objects`` run as ``quicklook.png`` and ``quicklook_detail.png`` into its folder.
 
-    The first shows the whole raster, the second a part at full resolution with the borders.
+    The first shows the whole raster, the second a part at full resolution with the borders.  Where buildings were
+    asked for, ``quicklook_buildings.png`` shows the probability that each region is one.
 
     Raises
     ------
@@ -37,7 +38,7 @@ def object_pictures(run_dir: str | os.PathLike[str]) -> list[Path]:
     """
     import rasterio
 
-    from tilepipe.evaluate import POLYGONS, metres_per_unit, read_vectors, run_table
+    from tilepipe.vector_layers import POLYGONS, metres_per_unit, read_vectors, run_table
 
     folder = Path(run_dir)
     objects, borders = run_table(folder, "objects"), run_table(folder, "boundaries")
@@ -49,8 +50,7 @@ def object_pictures(run_dir: str | os.PathLike[str]) -> list[Path]:
         pixel, shape, crs = regions.res[0], (regions.height, regions.width), regions.crs
     metres = metres_per_unit(crs, str(raster))
     table, lines = read_vectors(objects, "result", POLYGONS).to_crs(crs), read_vectors(borders, "result").to_crs(crs)
-    heights = np.full(int(table["region_id"].max()) + 1, np.nan)
-    heights[table["region_id"].to_numpy()] = table["posterior_mean"].to_numpy()
+    heights = _by_region(table, "posterior_mean")
     facts = (
         f"{len(table):,} regions   |   {shape[1]:,} × {shape[0]:,} pixels of {pixel * metres:.2f} m   |   "
         f"{table.crs.name}"
@@ -60,7 +60,20 @@ def object_pictures(run_dir: str | os.PathLike[str]) -> list[Path]:
     window = _amid_borders(bounds, pixel, lines)
     facts = f"borders of two regions   |   {table.crs.name}"
     name = folder / "quicklook_detail.png"
-    return [whole, _draw(name, raster, heights, lines, window, pixel, metres, f"{title}, detail", facts)]
+    pictures = [whole, _draw(name, raster, heights, lines, window, pixel, metres, f"{title}, detail", facts)]
+    if table["building_probability"].notna().any():
+        chances, name = _by_region(table, "building_probability"), folder / "quicklook_buildings.png"
+        facts = f"{np.count_nonzero(chances > 0.5):,} regions of buildings   |   {table.crs.name}"
+        title = f"Buildings: {folder.resolve().name}"
+        pictures.append(_draw(name, raster, chances, None, bounds, pixel, metres, title, facts, chance=True))
+    return pictures
+
+
+def _by_region(table: GeoDataFrame, column: str) -> NDArray[np.float64]:
+    """A column of the objects by region id, NaN where there is none."""
+    values = np.full(int(table["region_id"].max()) + 1, np.nan)
+    values[table["region_id"].to_numpy()] = table[column].to_numpy(dtype=np.float64)
+    return values
 
 
 def _amid_borders(bounds: Bounds, pixel: float, borders: GeoDataFrame) -> Bounds:
@@ -75,10 +88,10 @@ def _amid_borders(bounds: Bounds, pixel: float, borders: GeoDataFrame) -> Bounds
     return float(left), float(bottom), float(left + wide), float(bottom + high)
 
 
-def _region_heights(
-    raster: Path, heights: NDArray[np.float64], bounds: Bounds, shape: tuple[int, int]
+def _region_values(
+    raster: Path, of_region: NDArray[np.float64], bounds: Bounds, shape: tuple[int, int]
 ) -> NDArray[np.float64]:
-    """Posterior mean of the region at each pixel of a picture, NaN at nodata."""
+    """Value of the region at each pixel of a picture, NaN at nodata."""
     import rasterio
     from rasterio.enums import Resampling
     from rasterio.windows import from_bounds
@@ -86,20 +99,21 @@ def _region_heights(
     with rasterio.open(raster) as regions:
         window = from_bounds(*bounds, transform=regions.transform)
         ids = regions.read(1, window=window, out_shape=shape, resampling=Resampling.nearest)
-    shown: NDArray[np.float64] = heights[ids]
+    shown: NDArray[np.float64] = of_region[ids]
     return shown
 
 
 def _draw(
     path: Path,
     raster: Path,
-    heights: NDArray[np.float64],
+    of_region: NDArray[np.float64],
     borders: GeoDataFrame | None,
     bounds: Bounds,
     pixel: float,
     metres: float,
     title: str,
     facts: str,
+    chance: bool = False,
 ) -> Path:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -114,15 +128,17 @@ def _draw(
     FigureCanvasAgg(figure)
     left = (wide - width - _BAR) / 2 / wide
     axes = figure.add_axes((left, _FOOTER / high, width / wide, height / high))
-    values = _region_heights(raster, heights, bounds, (height, width))
+    values = _region_values(raster, of_region, bounds, (height, width))
     known = values[np.isfinite(values)]
-    low, top = np.percentile(known, (2, 98)) if known.size else (0.0, 1.0)
+    low, top = np.percentile(known, (2, 98)) if known.size and not chance else (0.0, 1.0)
+    colours, label = (
+        (BUILDING_COLOURS, "probability of a building") if chance else (HEIGHT_COLOURS, "height of the region (m)")
+    )
     extent = (bounds[0], bounds[2], bounds[1], bounds[3])
     picture = axes.imshow(
-        values, cmap=HEIGHT_COLOURS, vmin=low, vmax=top, extent=extent, aspect="auto", interpolation="nearest"
+        values, cmap=colours, vmin=low, vmax=top, extent=extent, aspect="auto", interpolation="nearest"
     )
     drawn: Any = picture
-    label = "height of the region (m)"
     if borders is not None:
         picture.set_alpha(0.45)
         drawn, label = _draw_borders(axes, borders, bounds), "probability that both sides are one object"

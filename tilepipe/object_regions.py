@@ -11,11 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tilepipe.arc_network import Arcs, join_arcs
+from tilepipe.arc_regularisation import regularise_arcs
 from tilepipe.arc_simplification import simplify_arcs
 from tilepipe.geoparquet import ParquetWriter
 from tilepipe.georeference import Geometry
 from tilepipe.grid import Tile, TileGrid, Window
 from tilepipe.ledger import Facts, Ledger
+from tilepipe.object_building_table import write_buildings
+from tilepipe.object_buildings import Buildings
 from tilepipe.object_graph import Leaves
 from tilepipe.object_merge import Merged
 from tilepipe.passes import StateArray
@@ -36,8 +39,10 @@ OBJECT_COLUMNS: dict[str, str] = {
     "posterior_mean": "float64",
     "posterior_deviation": "float64",
     "leaves": "int64",
+    "height_above_ground": "float64",
+    "building_probability": "float64",
 }
-"""Columns of ``objects.parquet``; heights in metres."""
+"""Columns of ``objects.parquet``; heights in metres.  Without buildings the last two are null."""
 
 BOUNDARY_COLUMNS: dict[str, str] = {
     "left_id": "int64",
@@ -79,9 +84,16 @@ def _pieces(ledger: Ledger) -> Iterator[arc_kernel.ArcPieces]:
 
 
 def write_tables(
-    folder: Path, ledger: Ledger, leaves: Leaves, merged: Merged, geometry: Geometry, simplification: float
+    folder: Path,
+    ledger: Ledger,
+    leaves: Leaves,
+    merged: Merged,
+    buildings: Buildings | None,
+    geometry: Geometry,
+    simplification: float,
+    regularisation: float = 0.0,
 ) -> list[Path]:
-    """Write ``objects.parquet`` and ``boundaries.parquet``.
+    """Write ``objects.parquet``, ``boundaries.parquet`` and, where they are told, ``buildings.parquet``.
 
     Parameters
     ----------
@@ -91,10 +103,14 @@ def write_tables(
         Of the pass `borders`.
     leaves, merged
         What the regions are made of.
+    buildings
+        What is known of the regions as buildings; None = nothing, and no table of them.
     geometry
         Grid of the raster.
     simplification
         Tolerance of the borders in m; 0 = pixel steps.
+    regularisation
+        Largest move in m of the corners of buildings, or of regions of that shape where nothing is known; 0 = none.
 
     Returns
     -------
@@ -106,6 +122,17 @@ def write_tables(
     rings = assemble_polygons(exact)
     pixel = geometry.resolution
     arcs = simplify_arcs(exact, simplification, pixel, pixel) if simplification > 0 else exact
+    if regularisation > 0:
+        wanted = None if buildings is None else np.concatenate([[False], buildings.building > 0])
+        arcs = regularise_arcs(
+            exact,
+            regularisation,
+            geometry.shape,
+            simplification=simplification,
+            pixel_height=pixel,
+            pixel_width=pixel,
+            regions=wanted,
+        )
     affine = geometry.transform
     ids, geometries = rings.geometries(arcs, affine)
     # nodata can part a region, so that all are written as multipolygons
@@ -113,10 +140,14 @@ def write_tables(
     polygons = shapely.multipolygons(parts, indices=owner)
     objects, boundaries = folder / "objects.parquet", folder / "boundaries.parquet"
     with ParquetWriter(objects, OBJECT_COLUMNS, geometry.crs, "MultiPolygon") as table:
-        table.append(_object_columns(ids.astype(np.int64), polygons, leaves, merged, geometry), polygons)
+        columns = _object_columns(ids.astype(np.int64), polygons, leaves, merged, geometry)
+        table.append(columns | _building_columns(ids, buildings), polygons)
     with ParquetWriter(boundaries, BOUNDARY_COLUMNS, geometry.crs, "LineString") as table:
         table.append(_boundary_columns(arcs, merged, pixel), _lines(arcs, affine))
-    return [objects, boundaries]
+    if buildings is None:
+        return [objects, boundaries]
+    path = write_buildings(folder / "buildings.parquet", exact, arcs, leaves, merged, buildings, geometry)
+    return [objects, boundaries, path]
 
 
 def _object_columns(
@@ -146,6 +177,15 @@ def _object_columns(
         "posterior_mean": merged.mean[at],
         "posterior_deviation": merged.deviation[at],
         "leaves": np.bincount(region, minlength=regions)[at],
+    }
+
+
+def _building_columns(ids: NDArray[Any], buildings: Buildings | None) -> dict[str, NDArray[Any]]:
+    if buildings is None:
+        return dict.fromkeys(("height_above_ground", "building_probability"), np.full(len(ids), np.nan))
+    return {
+        "height_above_ground": buildings.above[ids - 1],
+        "building_probability": buildings.probability[ids - 1],
     }
 
 

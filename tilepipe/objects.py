@@ -16,6 +16,7 @@ from tilepipe.grid import TileGrid
 from tilepipe.job import Job, as_list
 from tilepipe.layers import write_cog
 from tilepipe.ledger import Ledger
+from tilepipe.object_buildings import Buildings, find_buildings
 from tilepipe.object_convergence import as_text, diagnose, warning
 from tilepipe.object_graph import Leaves, reconcile_leaves
 from tilepipe.object_merge import Merged, merge_regions
@@ -51,11 +52,12 @@ def objects(
     Parameters
     ----------
     rasters
-        Heights (DSM) in the linear unit of their CRS: one or many paths (GeoTIFF, COG, VRT, Zarr) or xarray arrays,
-        one mosaic.
+        Heights (DSM) in the unit of their band, else of their CRS: one or many paths (GeoTIFF, COG, VRT, Zarr) or
+        xarray arrays, one mosaic.
     out
-        Folder of the run; receives ``regions.tif``, ``objects.parquet``, ``boundaries.parquet``, ``convergence.json``
-        (diagnostics of the sampler; a warning says when it has not converged) and ``run.toml``.
+        Folder of the run; receives ``regions.tif``, ``objects.parquet``, ``boundaries.parquet``,
+        ``buildings.parquet``, ``convergence.json`` (diagnostics of the sampler; a warning says when it has not
+        converged) and ``run.toml``.
     params
         Parameters of the method.
     crs
@@ -118,7 +120,7 @@ class _Job(Job):
 
     command = "objects"
     rasters = ("regions.tif", CONVERGENCE)
-    tables = ("objects", "boundaries")
+    tables = ("objects", "boundaries", "buildings")
     seeded = True
 
     parameters: ObjectParameters
@@ -126,10 +128,11 @@ class _Job(Job):
     def layers(self, run: Run) -> list[Path]:
         leaves = self.reconcile(run, run.run_pass(self.leaves_pass(run.state)))
         merged = self.merge(run, leaves)
+        buildings = self.find_buildings(run, leaves, merged)
         tracing = self.borders_pass(run.state, tuple(leaves.numbering.offsets.tolist()))
         with run.beside(self.write_raster, run, tracing.context) as raster:
             borders = run.run_pass(tracing)
-            tables = self.write_tables(run, borders, leaves, merged)
+            tables = self.write_tables(run, borders, leaves, merged, buildings)
             return [raster.result(), *tables, self.write_convergence(run, merged)]
 
     @property
@@ -149,7 +152,8 @@ class _Job(Job):
     def leaves_pass(self, state: Path) -> Pass:
         labels = self.labels(state)
         context = object_leaves.LeafContext(self.raster, self.parameters, self.grid, labels)
-        return Pass("leaves", object_leaves.find_leaves, context, self.grid, 0, {"labels": labels}, bytes_per_pixel=60)
+        arrays = {"labels": labels}
+        return Pass("leaves", object_leaves.find_leaves, context, self.grid, context.halo, arrays, bytes_per_pixel=60)
 
     def reconcile(self, run: Run, ledger: Ledger) -> Leaves:
         """Leaves of the raster and their graph.
@@ -195,6 +199,15 @@ class _Job(Job):
             np.save(run.state / "lookup.npy", leaves.lookup((merged.region + 1).astype(np.uint32)))
             return merged
 
+    def find_buildings(self, run: Run, leaves: Leaves, merged: Merged) -> Buildings | None:
+        """Buildings among the regions, if they are asked for."""
+        if leaves.relief is None:
+            return None
+        with run.timed("buildings"):
+            return find_buildings(
+                leaves, leaves.relief, merged, self.parameters, resolution=self.resolution, seed=self.options.seed
+            )
+
     def borders_pass(self, state: Path, offsets: tuple[int, ...]) -> Pass:
         context = object_regions.RegionContext(self.grid, self.labels(state), state / "lookup.npy", offsets)
         return Pass("borders", object_regions.trace_borders, context, self.grid, halo=1, bytes_per_pixel=40)
@@ -206,12 +219,14 @@ class _Job(Job):
             write_cog(path, context.read, "uint32", self.raster.geometry, nodata=0, threads=1)
             return path
 
-    def write_tables(self, run: Run, borders: Ledger, leaves: Leaves, merged: Merged) -> list[Path]:
+    def write_tables(
+        self, run: Run, borders: Ledger, leaves: Leaves, merged: Merged, buildings: Buildings | None
+    ) -> list[Path]:
         """Write the tables into the state folder."""
         with run.timed("polygons"):
-            simplification = self.parameters.simplification
+            tolerances = self.parameters.simplification, self.parameters.regularisation
             paths = object_regions.write_tables(
-                run.state, borders, leaves, merged, self.raster.geometry, simplification
+                run.state, borders, leaves, merged, buildings, self.raster.geometry, *tolerances
             )
         return self.convert(run, paths)
 

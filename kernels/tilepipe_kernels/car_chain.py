@@ -76,14 +76,18 @@ def run_chain(
     return traces[0], traces[1], traces[2]
 
 
-def check_lengths(burn_in: int, draws: int, thinning: int, tolerance: float, workers: int) -> None:
-    """Refuse lengths of a chain, a tolerance or a number of threads out of their ranges."""
+def check_lengths(burn_in: int, draws: int, thinning: int, workers: int) -> None:
+    """Refuse lengths of a chain or a number of threads out of their ranges."""
     if burn_in < 0 or draws < 2 or thinning < 1 or burn_in + draws * thinning >= 2**32:
         raise ValueError(f"need burn_in >= 0, draws >= 2, thinning >= 1, not {burn_in}, {draws}, {thinning}")
-    if not tolerance >= 0:
-        raise ValueError(f"tolerance must be 0 m or more, not {tolerance}")
     if workers < 1:
         raise ValueError(f"workers must be 1 or more, not {workers}")
+
+
+def check_tolerance(tolerance: float) -> None:
+    """Refuse a tolerance out of its range."""
+    if not tolerance >= 0:
+        raise ValueError(f"tolerance must be 0 m or more, not {tolerance}")
 
 
 def moments(reference: Float64, shift: Float64, square: Float64, draws: int) -> tuple[Float64, Float64]:

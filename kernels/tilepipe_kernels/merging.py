@@ -15,35 +15,41 @@ from numpy.typing import NDArray
 from tilepipe_kernels.compiled import loop
 
 Edges = NDArray[np.int32]
+Lengths = NDArray[np.int32]
+Float64 = NDArray[np.float64]
+
+_LENGTH = np.int64(0xFFFFFFFF)
+_FEW = 32
+"""Neighbours up to which insertion sorts them fastest."""
 
 
 @dataclass(frozen=True)
 class Statistics:
     """Pixels of each region: their number, mean, and sum of squared deviations from it; float64, shape (n,)."""
 
-    count: NDArray[np.float64]
-    mean: NDArray[np.float64]
-    spread: NDArray[np.float64]
+    count: Float64
+    mean: Float64
+    spread: Float64
 
 
 @dataclass(frozen=True)
 class RegionGraph:
     """Regions and their borders.
 
-    ``edges`` is (m, 2) int32, first less than second, sorted; ``length`` the border of each in pixel sides, int64.
+    ``edges`` is (m, 2) int32, first less than second, sorted; ``length`` the border of each in pixel sides, int32.
     """
 
     statistics: Statistics
     edges: Edges
-    length: NDArray[np.int64]
+    length: Lengths
 
 
 @loop
 def _best_edges(
-    edges: Edges, length: NDArray[np.int64], probability: NDArray[np.float32], least: np.float32, regions: int
-) -> NDArray[np.int64]:
+    edges: Edges, length: Lengths, probability: NDArray[np.float32], least: np.float32, regions: int
+) -> NDArray[np.int32]:
     """Most probable edge of each region, -1 if none reaches ``least``; ties: the longer border, then the first."""
-    best = np.full(regions, -1, np.int64)
+    best = np.full(regions, -1, np.int32)
     for edge in range(edges.shape[0]):
         if probability[edge] < least:
             continue
@@ -55,7 +61,7 @@ def _best_edges(
 
 
 @loop
-def _roots(edges: Edges, best: NDArray[np.int64]) -> NDArray[np.int32]:
+def _roots(edges: Edges, best: NDArray[np.int32]) -> NDArray[np.int32]:
     """The lowest region of a group: a mutual pair and all whose best is one of the pair; else the region itself."""
     root = np.arange(best.size).astype(np.int32)
     for region in range(best.size):
@@ -81,7 +87,7 @@ def _roots(edges: Edges, best: NDArray[np.int64]) -> NDArray[np.int32]:
 
 def merge_best(
     graph: RegionGraph, probability: NDArray[np.float32], least: float
-) -> tuple[RegionGraph, NDArray[np.int32], NDArray[np.int64]]:
+) -> tuple[RegionGraph, NDArray[np.int32]]:
     """Merge the regions that are each other's most probable partner, and those whose partner is one of such a pair.
 
     Every round therefore takes along a good part of all regions that can merge, but no chain of more than three.
@@ -101,139 +107,154 @@ def merge_best(
         The merged regions, ordered by their lowest member.
     number
         New number of every old region, int32, shape (n,).
-    source
-        For each new edge the first old one that it is made of, int64.
     """
     regions = graph.statistics.count.size
-    best = _best_edges(graph.edges, graph.length, probability, np.float32(least), regions)
-    into = _roots(graph.edges, best)
-    kept = into == np.arange(regions, dtype=np.int32)
-    number = (np.cumsum(kept, dtype=np.int32) - np.int32(1))[into]
-    merged, source = contract(graph, number, int(np.count_nonzero(kept)))
-    return merged, number, source
-
-
-def contract(graph: RegionGraph, number: NDArray[np.int32], regions: int) -> tuple[RegionGraph, NDArray[np.int64]]:
-    """Unite regions that get the same number 0 … ``regions`` - 1; borders between united ones vanish.
-
-    Returns the new graph and for each of its edges the first old one that it is made of.
-    """
-    statistics = pooled(graph.statistics, number, regions)
-    lower, upper, source = _apart(graph.edges, number)
-    order = _sorted(lower, _sorted(upper, np.arange(lower.size), regions), regions)
-    edges, length, source = _united(lower, upper, source, order, graph.length)
-    return RegionGraph(statistics, edges, length), source
+    lowest = _roots(
+        graph.edges, _best_edges(graph.edges, graph.length, probability, np.float32(least), regions)
+    )  # fmt: skip
+    return contract(graph, *_numbered(lowest))
 
 
 @loop
-def _apart(edges: Edges, number: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int64]]:
-    """New ends of the edges that do not vanish, the lower and the upper one, and which edges these are."""
-    count = 0
+def _numbered(lowest: NDArray[np.int32]) -> tuple[NDArray[np.int32], int]:
+    """Number groups, which are named by their lowest member, in order."""
+    number = np.empty_like(lowest)
+    groups = 0
+    for region in range(lowest.size):
+        if lowest[region] == region:
+            number[region] = groups
+            groups += 1
+        else:
+            number[region] = number[lowest[region]]
+    return number, groups
+
+
+def contract(graph: RegionGraph, number: NDArray[np.int32], regions: int) -> tuple[RegionGraph, NDArray[np.int32]]:
+    """Unite regions that get the same number 0 … ``regions`` - 1; borders between united ones vanish."""
+    if regions == number.size:
+        return graph, number
+    edges, length = _united(graph.edges, graph.length, number, regions)
+    return RegionGraph(pooled(graph.statistics, number, regions), edges, length), number
+
+
+@loop
+def _united(edges: Edges, length: Lengths, number: NDArray[np.int32], regions: int) -> tuple[Edges, Lengths]:
+    """New edges, sorted, each once, with the sum of its borders: counting sort by lower end, then rows by the upper."""
+    starts = np.zeros(regions + 2, np.int32)
     for edge in range(edges.shape[0]):
-        count += number[edges[edge, 0]] != number[edges[edge, 1]]
-    lower, upper, source = np.empty(count, np.int32), np.empty(count, np.int32), np.empty(count, np.int64)
-    at = 0
+        a, b = number[np.uint32(edges[edge, 0])], number[np.uint32(edges[edge, 1])]
+        starts[np.uint32(min(a, b) + 2)] += a != b
+    for region in range(1, starts.size):
+        starts[region] += starts[region - 1]
+    row = np.empty(starts[regions + 1], np.int64)  # upper end and length in one word
     for edge in range(edges.shape[0]):
-        a, b = number[edges[edge, 0]], number[edges[edge, 1]]
+        a, b = number[np.uint32(edges[edge, 0])], number[np.uint32(edges[edge, 1])]
         if a != b:
-            lower[at], upper[at], source[at] = min(a, b), max(a, b), edge
-            at += 1
-    return lower, upper, source
-
-
-@loop
-def _sorted(keys: NDArray[np.int32], order: NDArray[np.int64], largest: int) -> NDArray[np.int64]:
-    """Stable counting sort of an order by keys 0 … ``largest`` - 1."""
-    starts = np.zeros(largest + 1, np.int64)
-    for key in keys:
-        starts[key + 1] += 1
-    for key in range(largest):
-        starts[key + 1] += starts[key]
-    result = np.empty_like(order)
-    for item in order:
-        result[starts[keys[item]]] = item
-        starts[keys[item]] += 1
-    return result
-
-
-@loop
-def _united(
-    lower: NDArray[np.int32],
-    upper: NDArray[np.int32],
-    source: NDArray[np.int64],
-    order: NDArray[np.int64],
-    length: NDArray[np.int64],
-) -> tuple[Edges, NDArray[np.int64], NDArray[np.int64]]:
-    """Each edge of a sorted list once, with the sum of its borders and the first old edge."""
-    edges = np.empty((order.size, 2), np.int32)
-    total, first = np.empty(order.size, np.int64), np.empty(order.size, np.int64)
+            low = np.uint32(min(a, b) + 1)
+            row[np.uint32(starts[low])] = (np.int64(max(a, b)) << 32) | np.int64(length[edge])
+            starts[low] += 1
     found = 0
-    for item in order:
-        a, b = lower[item], upper[item]
-        if found == 0 or edges[found - 1, 0] != a or edges[found - 1, 1] != b:
-            edges[found, 0], edges[found, 1] = a, b
-            total[found], first[found] = 0, source[item]
-            found += 1
-        total[found - 1] += length[source[item]]
-    return edges[:found].copy(), total[:found].copy(), first[:found].copy()
+    for region in range(regions):
+        first, last = starts[region], starts[region + 1]
+        _sort(row[first:last])
+        starts[region] = begin = found
+        for at in range(first, last):
+            if found > begin and row[found - 1] >> 32 == row[at] >> 32:
+                row[found - 1] += row[at] & _LENGTH
+            else:
+                row[found] = row[at]
+                found += 1
+    united, total = np.empty((found, 2), np.int32), np.empty(found, np.int32)
+    starts[regions] = found
+    for region in range(regions):
+        for at in range(starts[region], starts[region + 1]):
+            united[at, 0], united[at, 1] = region, row[at] >> 32
+            total[at] = row[at] & _LENGTH
+    return united, total
 
 
-def induced(graph: RegionGraph, kept: NDArray[np.bool_]) -> tuple[RegionGraph, NDArray[np.int64]]:
-    """The graph of some of the regions, in their order, and for each of its edges the one that it was."""
-    s = graph.statistics
-    among = np.flatnonzero(kept[graph.edges].all(axis=1))
-    number = np.cumsum(kept, dtype=np.int32) - np.int32(1)
-    statistics = Statistics(s.count[kept], s.mean[kept], s.spread[kept])
-    return RegionGraph(statistics, number[graph.edges[among]], graph.length[among]), among
+@loop
+def _sort(row: NDArray[np.int64]) -> None:
+    if row.size > _FEW:
+        row.sort()
+        return
+    for at in range(1, row.size):
+        value, place = row[at], at
+        while place > 0 and row[place - 1] > value:
+            row[place] = row[place - 1]
+            place -= 1
+        row[place] = value
+
+
+@loop
+def _most_similar(edges: Edges, length: Lengths, mean: Float64, small: NDArray[np.bool_]) -> NDArray[np.int32]:
+    """Root of each region in the forest where small ones hang on the neighbour of the most similar height.
+
+    Ties: the longer border, then the lower neighbour.
+    """
+    best = np.full(small.size, -1, np.int64)
+    for edge in range(edges.shape[0]):
+        step = abs(mean[edges[edge, 0]] - mean[edges[edge, 1]])
+        for side in range(2):
+            region = edges[edge, side]
+            if not small[region]:
+                continue
+            held = best[region]
+            if held >= 0:
+                before = abs(mean[edges[held, 0]] - mean[edges[held, 1]])
+                # edges come by ascending neighbour, so that the first of equals is that of the lowest
+                if (step, -length[edge]) >= (before, -length[held]):
+                    continue
+            best[region] = edge
+    root = np.arange(small.size).astype(np.int32)
+    for region in range(small.size):
+        if best[region] < 0:
+            continue
+        a, b = edges[best[region], 0], edges[best[region], 1]
+        while root[a] != a:
+            root[a] = root[root[a]]
+            a = root[a]
+        while root[b] != b:
+            root[b] = root[root[b]]
+            b = root[b]
+        root[max(a, b)] = min(a, b)
+    for region in range(small.size):
+        root[region] = root[root[region]]
+    return root
+
+
+def join_small(graph: RegionGraph, least: float) -> tuple[RegionGraph, NDArray[np.int32]]:
+    """Join regions of fewer than ``least`` pixels to the neighbour of the most similar height, until none is left.
+
+    Regions without neighbours stay.  Of equally similar neighbours the one with the longer border counts, then the
+    one of the lower number.  Returns the graph and the new number of every old region.
+    """
+    region = np.arange(graph.statistics.count.size, dtype=np.int32)
+    while True:
+        s = graph.statistics
+        joined, number = contract(graph, *_numbered(_most_similar(graph.edges, graph.length, s.mean, s.count < least)))
+        if joined is graph:
+            return graph, region
+        graph, region = joined, number[region]
 
 
 def pooled(statistics: Statistics, number: NDArray[np.int32], regions: int) -> Statistics:
     """Count, mean and spread of united regions (Chan, Golub & LeVeque 1983, eq. 2.1), summed in node order."""
-    count = _summed(statistics.count, number, regions)
-    mean = _summed(statistics.count * statistics.mean, number, regions) / np.maximum(count, 1)
-    between = statistics.count * (statistics.mean - mean[number]) ** 2
-    return Statistics(count, mean, _summed(statistics.spread + between, number, regions))
-
-
-def _summed(values: NDArray[np.float64], number: NDArray[np.int32], regions: int) -> NDArray[np.float64]:
-    return np.bincount(number, values, regions).astype(np.float64, copy=False)
+    return Statistics(*_pooled(statistics.count, statistics.mean, statistics.spread, number, regions))
 
 
 @loop
-def _neighbours(
-    edges: Edges, offsets: NDArray[np.int64], neighbours: NDArray[np.int32], edge_of: NDArray[np.int32]
-) -> None:
-    """Counting sort of both directions of every edge; ``offsets`` comes zeroed and holds two more than regions."""
-    for edge in range(edges.shape[0]):
-        offsets[edges[edge, 0] + 2] += 1
-        offsets[edges[edge, 1] + 2] += 1
-    for region in range(1, offsets.size):
-        offsets[region] += offsets[region - 1]
-    for side in range(2):
-        # lower neighbours first, each group in order, so that all neighbours of a region are sorted
-        for edge in range(edges.shape[0]):
-            region, other = edges[edge, 1 - side], edges[edge, side]
-            at = offsets[region + 1]
-            neighbours[at], edge_of[at] = other, edge
-            offsets[region + 1] = at + 1
-
-
-def neighbour_lists(edges: Edges, regions: int) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.int32]]:
-    """Both directions of sorted edges by region.
-
-    Parameters
-    ----------
-    edges
-        int32, shape (m, 2), first less than second, sorted lexicographically.
-    regions
-        Number of regions.
-
-    Returns
-    -------
-    offsets, neighbours, edge_of
-        Region ``i`` has ``neighbours[offsets[i]:offsets[i + 1]]`` (int32, ascending) by the edges ``edge_of[...]``.
-    """
-    offsets = np.zeros(regions + 2, np.int64)
-    neighbours, edge_of = np.empty(2 * len(edges), np.int32), np.empty(2 * len(edges), np.int32)
-    _neighbours(edges, offsets, neighbours, edge_of)
-    return offsets[:-1], neighbours, edge_of
+def _pooled(
+    count: Float64, mean: Float64, spread: Float64, number: NDArray[np.int32], regions: int
+) -> tuple[Float64, Float64, Float64]:
+    pixels, means, spreads = np.zeros(regions), np.zeros(regions), np.zeros(regions)
+    for old in range(count.size):
+        new = np.uint32(number[old])
+        pixels[new] += count[old]
+        means[new] += count[old] * mean[old]
+    for region in range(regions):
+        means[region] /= max(pixels[region], 1.0)
+    for old in range(count.size):
+        new = np.uint32(number[old])
+        spreads[new] += spread[old] + count[old] * (mean[old] - means[new]) ** 2
+    return pixels, means, spreads

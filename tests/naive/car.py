@@ -21,13 +21,7 @@ class Scene:
     components: int = 1
 
     def model(self) -> CarModel:
-        n = len(self.count)
-        rows = [sorted((b if a == i else a, k) for k, (a, b) in enumerate(self.edges) if i in (a, b)) for i in range(n)]
-        offsets = np.cumsum([0, *map(len, rows)])
-        flat = [pair for row in rows for pair in row]
-        neighbours = np.array([j for j, _ in flat], np.int32)
-        weights = np.array([self.weights[k] for _, k in flat], np.float32)
-        return CarModel(offsets, neighbours, weights, self.count, self.mean, self.spread)
+        return CarModel(self.edges, self.weights, self.count, self.mean, self.spread)
 
     def log_joint(self, x, smooth, fit, a=0.5, b=0.0005):
         """Log density of data, x and the precisions 1/v = smooth and 1/s2 = fit."""

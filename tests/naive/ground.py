@@ -53,18 +53,18 @@ def is_object(low: np.ndarray, widths: list[int], metres: float, slope: float, s
     return objects
 
 
-def plane(ticks: np.ndarray, missing: int, i: int, j: int, half_width: int) -> tuple[float, float]:
-    """Standard deviation (in ticks) about the plane fitted to the window by lstsq, and its slope in ticks per pixel."""
+def plane(ticks: np.ndarray, missing: int, i: int, j: int, half_width: int) -> float:
+    """Standard deviation (in ticks) about the plane fitted to the window by lstsq."""
     rows, columns = np.nonzero(ticks != missing)
     near = (abs(rows - i) <= half_width) & (abs(columns - j) <= half_width)
     x, y = columns[near] - j, rows[near] - i
     z = ticks[rows[near], columns[near]].astype(float)
     design = np.stack([np.ones(x.size), x, y], axis=1)
     if ticks[i, j] == missing or x.size < 6 or np.linalg.matrix_rank(design) < 3:
-        return math.nan, math.nan
+        return math.nan
     fit = np.linalg.lstsq(design, z - z.mean(), rcond=None)[0]
     squares = float(((z - z.mean() - design @ fit) ** 2).sum())
-    return math.sqrt(squares / (x.size - 3)), math.hypot(fit[1], fit[2])
+    return math.sqrt(squares / (x.size - 3))
 
 
 def bend(ticks: np.ndarray, missing: int, i: int, j: int, lag: int) -> float:

@@ -1,0 +1,140 @@
+"""`tilepipe objects` and its plain rival on one scene: run, watched from outside, and scored."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import statistics
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.machine import load_average
+from benchmarks.object_quality import PartitionScore, blocks_of, high_regions, score_buildings, score_partition
+from benchmarks.object_scenes import ObjectScene
+from benchmarks.watch import Watched, watch
+from tilepipe.evaluate_areas import AreaScore
+from tilepipe.run import TIMINGS
+
+LONG = 120.0
+"""Seconds; a run that takes longer is not repeated."""
+LARGEST_SCORED = 70.0
+"""Megapixels of the largest scene that is scored: scoring takes longer than the work."""
+LARGEST_CHECKED = 3.0
+"""Megapixels of the largest scene whose polygons are tested for a coverage: its time grows with the square."""
+
+OURS, RIVAL = "**tilepipe objects**", "median, cc3d, dust"
+
+
+@dataclass
+class Outcome:
+    """What one contestant did on one scene.
+
+    Attributes
+    ----------
+    runs, single
+        The command on all cores, and on one where it can use more.
+    objects
+        Number of polygons, where `objects.parquet` could be read.
+    valid, coverage
+        Whether all polygons are valid, and whether they neither overlap nor leave slits; None = not tested.
+    covered
+        Their area, as a share of the raster's valid pixels.
+    partition
+        Its objects against the true blocks.
+    buildings
+        Its buildings against the true ones, by the way they were told.
+    """
+
+    contestant: str
+    scene: ObjectScene
+    runs: list[Watched] = field(default_factory=list)
+    single: Watched | None = None
+    stages: list[dict[str, float]] = field(default_factory=list)
+    load: float = 0.0
+    objects: int = 0
+    valid: bool = False
+    coverage: bool | None = None
+    covered: float = 0.0
+    partition: PartitionScore | None = None
+    buildings: dict[str, AreaScore] = field(default_factory=dict)
+    skipped: str = ""
+
+    @property
+    def seconds(self) -> float:
+        """Median time of a run."""
+        return statistics.median(run.seconds for run in self.runs)
+
+    @property
+    def rate(self) -> float:
+        """Megapixels per second."""
+        return self.scene.megapixels / self.seconds
+
+
+def run_ours(scene: ObjectScene, out: Path, repetitions: int) -> Outcome:
+    """Run `tilepipe objects` with its defaults; the first call of all should have compiled."""
+    command = ours(scene, out)
+    outcome = _repeated(Outcome(OURS, scene, load=load_average()), command, out, repetitions)
+    kept = out.with_name("kept")
+    out.rename(kept)
+    outcome.single = watch([*command, "--workers", "1"])
+    shutil.rmtree(out)
+    kept.rename(out)
+    _score(outcome, out)
+    return outcome
+
+
+def ours(scene: ObjectScene, out: Path) -> list[str]:
+    """The command of the pipeline."""
+    return [sys.executable, "-m", "tilepipe", "objects", str(scene.raster), "--out", str(out), "--overwrite", "--quiet"]
+
+
+def run_rival(scene: ObjectScene, out: Path, repetitions: int) -> Outcome:
+    """Run `benchmarks.object_rivals`."""
+    outcome = Outcome(RIVAL, scene, load=load_average())
+    command = [sys.executable, "-m", "benchmarks.object_rivals", str(scene.raster), str(out)]
+    try:
+        watch(command)
+    except RuntimeError as error:
+        outcome.skipped = str(error).strip().splitlines()[-1]
+        return outcome
+    _score(_repeated(outcome, command, out, repetitions), out)
+    return outcome
+
+
+def _repeated(outcome: Outcome, command: Sequence[str], out: Path, repetitions: int) -> Outcome:
+    for _ in range(repetitions):
+        shutil.rmtree(out, ignore_errors=True)
+        outcome.runs.append(watch(command))
+        outcome.stages.append(json.loads((out / TIMINGS).read_text()))
+        if outcome.runs[-1].seconds > LONG:
+            break
+    return outcome
+
+
+def _score(outcome: Outcome, out: Path) -> None:
+    import geopandas
+    import rasterio
+    import shapely
+
+    scene = outcome.scene
+    if scene.megapixels > LARGEST_SCORED:
+        return
+    table = geopandas.read_parquet(out / "objects.parquet")
+    polygons = table.geometry.to_numpy()
+    with rasterio.open(scene.raster) as file:
+        area = np.count_nonzero(file.read_masks(1)) * file.transform.a**2
+    outcome.objects, outcome.covered = len(table), float(shapely.area(polygons).sum() / area)
+    outcome.valid = bool(shapely.is_valid(polygons).all())
+    if outcome.valid and scene.megapixels <= LARGEST_CHECKED:
+        outcome.coverage = bool(shapely.coverage_is_valid(polygons))
+    blocks = blocks_of(scene)
+    outcome.partition = score_partition(shapely.make_valid(polygons), scene, blocks)
+    high = np.isin(table.region_id, high_regions(scene.raster, out / "regions.tif"))
+    outcome.buildings["objects 2.5 m above ground"] = score_buildings(polygons[high], scene.truth, scene)
+    if (out / "buildings.parquet").exists():
+        found = geopandas.read_parquet(out / "buildings.parquet").geometry.to_numpy()
+        outcome.buildings["**buildings.parquet**"] = score_buildings(found, scene.truth, scene)

@@ -1,0 +1,98 @@
+"""The table of buildings: regions dissolved along the borders they share with the objects."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tilepipe.arc_network import Arcs
+from tilepipe.dissolve import dissolved
+from tilepipe.geoparquet import ParquetWriter
+from tilepipe.georeference import Geometry
+from tilepipe.object_buildings import Buildings
+from tilepipe.object_graph import Leaves
+from tilepipe.object_merge import Merged
+from tilepipe.polygons import assemble_polygons
+
+BUILDING_COLUMNS: dict[str, str] = {
+    "building_id": "int64",
+    "probability": "float64",
+    "area_m2": "float64",
+    "perimeter_m": "float64",
+    "height_above_ground": "float64",
+    "height_above_ground_max": "float64",
+    "ground_height": "float64",
+    "height_mean": "float64",
+    "height_max": "float64",
+    "regions": "int64",
+}
+"""Columns of ``buildings.parquet``; heights in metres, means by area; the id is the lowest one of its regions."""
+
+
+def write_buildings(
+    path: Path, exact: Arcs, arcs: Arcs, leaves: Leaves, merged: Merged, buildings: Buildings, geometry: Geometry
+) -> Path:
+    """Write ``buildings.parquet``, one multipolygon per building.
+
+    Parameters
+    ----------
+    path
+        File to write.
+    exact, arcs
+        Arcs of all regions, along the pixels and as the objects have them.
+    leaves, merged, buildings
+        What the buildings are made of.
+    geometry
+        Grid of the raster.
+    """
+    import shapely
+
+    group = np.concatenate([np.zeros(1, np.uint32), buildings.building])
+    rings = assemble_polygons(dissolved(exact, group))
+    ids, found = rings.geometries(dissolved(arcs, group), geometry.transform)
+    parts, owner = shapely.get_parts(found, return_index=True)
+    polygons: NDArray[Any] = shapely.multipolygons(parts, indices=owner) if len(parts) else parts
+    with ParquetWriter(path, BUILDING_COLUMNS, geometry.crs, "MultiPolygon") as table:
+        table.append(_columns(ids.astype(np.int64), polygons, leaves, merged, buildings, geometry.metres), polygons)
+    return path
+
+
+def _columns(
+    ids: NDArray[np.int64],
+    polygons: NDArray[Any],
+    leaves: Leaves,
+    merged: Merged,
+    buildings: Buildings,
+    metres: float,
+) -> dict[str, NDArray[Any]]:
+    """Attributes of the buildings; areas and perimeters are those of the polygons as written."""
+    import shapely
+
+    members = np.flatnonzero(buildings.building)
+    number = np.searchsorted(ids, buildings.building[members])
+    pixels, height = (values[members] for values in (merged.graph.statistics.count, merged.graph.statistics.mean))
+    total = np.bincount(number, pixels, ids.size)
+
+    def mean(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.bincount(number, pixels * values, ids.size) / total
+
+    above = buildings.above[members]
+    highest, highest_above = np.full((2, ids.size), -np.inf)
+    np.maximum.at(highest_above, number, buildings.highest_above[members])
+    of_leaf = buildings.building[merged.region]
+    np.maximum.at(highest, np.searchsorted(ids, of_leaf[of_leaf > 0]), leaves.highest[of_leaf > 0])
+    return {
+        "building_id": ids,
+        "probability": mean(buildings.probability[members]),
+        "area_m2": shapely.area(polygons) * metres**2,
+        "perimeter_m": shapely.length(polygons) * metres,
+        "height_above_ground": mean(above),
+        "height_above_ground_max": highest_above,
+        "ground_height": mean(height - above),
+        "height_mean": mean(height),
+        "height_max": highest,
+        "regions": np.bincount(number, minlength=ids.size),
+    }
