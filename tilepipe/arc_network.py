@@ -1,57 +1,83 @@
-"""Arcs of a whole raster, joined from the pieces that the tiles have traced."""
+"""Arcs and lines of a whole raster, joined from the pieces that the tiles have traced."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tilepipe.errors import InputError
-from tilepipe_kernels.arcs import DOWN, LEFT, RIGHT, UP, ArcPieces, Labels
-from tilepipe_kernels.compiled import loop, rule
+from tilepipe_kernels.arcs import ArcPieces, Labels, Pieces, heading_of
+from tilepipe_kernels.compiled import loop
+from tilepipe_kernels.crack_lines import LinePieces
 from tilepipe_kernels.graph import walk_chains
 
 Int64 = NDArray[np.int64]
-Vertices = NDArray[np.int32]
+Vertices = NDArray[Any]
+"""int32 on the corners of pixels, float64 once arcs are regularised."""
 
 
 @dataclass(frozen=True)
-class Arcs:
-    """All arcs of a raster, sorted by (first row, first column, first heading), as flat arrays.
+class Chains:
+    """Chains of the cracks of a raster, sorted by (first row, first column, first heading), as flat arrays.
 
-    Of the two ways to read an arc it is the one that comes first in that order, headings in the order down, right,
+    Of the two ways to read a chain it is the one that comes first in that order, headings in the order down, right,
     up, left; a ring starts at its lowest corner, so what it surrounds is on its left.
 
     Attributes
     ----------
     offsets
-        int64, shape (n + 1,): arc i has ``vertices[offsets[i]:offsets[i + 1]]``.
+        int64, shape (n + 1,): chain i has ``vertices[offsets[i]:offsets[i + 1]]``.
     vertices
         int32, shape (m, 2): (row, column) of corners; a ring repeats its first one.
-    left, right
-        Region ids on the two sides, shape (n,); 0 = nodata or outside the raster.
     """
 
     offsets: Int64
     vertices: Vertices
-    left: Labels
-    right: Labels
 
     def __len__(self) -> int:
-        return len(self.left)
+        return len(self.offsets) - 1
 
     def lengths(self, pixel_height: float = 1.0, pixel_width: float = 1.0) -> NDArray[np.float64]:
-        """Length of each arc as a polyline, float64, in the unit of the pixel sizes."""
+        """Length of each chain as a polyline, float64, in the unit of the pixel sizes."""
         steps = np.abs(np.diff(self.vertices, axis=0, prepend=self.vertices[:1]).astype(np.float64))
         steps = np.hypot(steps[:, 0] * pixel_height, steps[:, 1] * pixel_width)
         steps[self.offsets[:-1]] = 0
         return np.add.reduceat(steps, self.offsets[:-1]) if len(self) else steps
 
 
+@dataclass(frozen=True)
+class Arcs(Chains):
+    """All arcs of a raster.
+
+    Attributes
+    ----------
+    left, right
+        Region ids on the two sides, shape (n,); 0 = nodata or outside the raster.
+    """
+
+    left: Labels
+    right: Labels
+
+
+@dataclass(frozen=True)
+class Lines(Chains):
+    """All lines of a line field.
+
+    Attributes
+    ----------
+    contrast
+        int64, shape (n,): sum over the cracks of the difference of grey across them, in ticks.
+    """
+
+    contrast: Int64
+
+
 def join_arcs(pieces: Iterable[ArcPieces]) -> Arcs:
-    """Join the pieces of all tiles of a raster.
+    """Join the pieces of the arcs of all tiles of a raster.
 
     Parameters
     ----------
@@ -69,41 +95,65 @@ def join_arcs(pieces: Iterable[ArcPieces]) -> Arcs:
         If a cut piece does not go on in any other: a tile is missing, doubled, or was traced without its halo.
     """
     parts = list(pieces)
+    joined = _joined(parts)
+    left, right = (np.concatenate([getattr(part, side) for part in parts]) for side in ("left", "right"))
+    first, turned = joined.members[joined.bounds[:-1]], joined.turned
+    left, right = left[first], right[first]
+    return Arcs(joined.offsets, joined.vertices, np.where(turned, right, left), np.where(turned, left, right))
+
+
+def join_lines(pieces: Iterable[LinePieces]) -> Lines:
+    """Join the pieces of the lines of all tiles of a raster; arguments and errors as `join_arcs`."""
+    parts = list(pieces)
+    joined = _joined(parts)
+    contrast = np.concatenate([part.contrast for part in parts])[joined.members]
+    sums = np.add.reduceat(contrast, joined.bounds[:-1]) if contrast.size else contrast
+    return Lines(joined.offsets, joined.vertices, sums)
+
+
+class _Joined(NamedTuple):
+    """Whole chains: chain i is of the pieces ``members[bounds[i]:bounds[i + 1]]``, the first backward if turned."""
+
+    offsets: Int64
+    vertices: Vertices
+    bounds: Int64
+    members: Int64
+    turned: NDArray[np.bool_]
+
+
+def _joined(parts: Sequence[Pieces]) -> _Joined:
+    """Whole chains in canonical direction and order; a piece that is not cut has the direction from its tile."""
     if not parts:
         raise InputError("there are no pieces of arcs to join: trace at least one tile")
-    lengths = np.concatenate([np.diff(part.offsets) for part in parts])
+    offsets = np.concatenate([[0], np.cumsum(np.concatenate([np.diff(part.offsets) for part in parts]))])
     vertices = np.concatenate([part.vertices for part in parts])
-    left, right = (np.concatenate([getattr(part, side) for part in parts]) for side in ("left", "right"))
     cut = np.concatenate([part.cut for part in parts])
-    del parts
-    arcs = Arcs(np.concatenate([[0], np.cumsum(lengths)]), vertices, left, right)
     of_several = cut.any(axis=1)
-    if of_several.any():
-        whole = _taken(arcs, np.flatnonzero(~of_several))
-        joined = _joined(_taken(arcs, np.flatnonzero(of_several)), cut[of_several])
-        arcs = Arcs(
-            np.concatenate([whole.offsets, whole.offsets[-1] + joined.offsets[1:]]),
-            *(
-                np.concatenate([getattr(part, name) for part in (whole, joined)])
-                for name in ("vertices", "left", "right")
-            ),
+    alone, split = np.flatnonzero(~of_several), np.flatnonzero(of_several)
+    whole = _Joined(
+        *_gather(alone, offsets, vertices), np.arange(alone.size + 1), alone, np.zeros(alone.size, np.bool_)
+    )
+    if split.size == 0:
+        return _sorted(whole)
+    offsets, vertices = _gather(split, offsets, vertices)
+    mates = _mates(offsets, vertices, cut[split])
+    bounds, members, backward, closed = walk_chains(mates, np.zeros_like(mates))
+    joined, corners, turned = _join(bounds, members, backward, closed, offsets, vertices)
+    return _sorted(
+        _Joined(
+            np.concatenate([whole.offsets, whole.offsets[-1] + joined[1:]]),
+            np.concatenate([whole.vertices, corners]),
+            np.concatenate([whole.bounds, whole.bounds[-1] + bounds[1:]]),
+            np.concatenate([whole.members, split[members]]),
+            np.concatenate([whole.turned, turned ^ backward[bounds[:-1]]]),
         )
-    return _taken(arcs, np.argsort(_sort_keys(arcs.offsets, arcs.vertices), kind="stable"))
+    )
 
 
-def _taken(arcs: Arcs, order: Int64) -> Arcs:
-    offsets, vertices = _gather(order, arcs.offsets, arcs.vertices)
-    return Arcs(offsets, vertices, arcs.left[order], arcs.right[order])
-
-
-def _joined(pieces: Arcs, cut: NDArray[np.bool_]) -> Arcs:
-    """Whole arcs from cut pieces, in canonical direction; a piece that is not cut has it from its tile."""
-    mates = _mates(pieces.offsets, pieces.vertices, cut)
-    chains, members, backward, closed = walk_chains(mates, np.zeros_like(mates))
-    offsets, vertices, turned = _join(chains, members, backward, closed, pieces.offsets, pieces.vertices)
-    first, turned = members[chains[:-1]], turned ^ backward[chains[:-1]]
-    left, right = pieces.left[first], pieces.right[first]
-    return Arcs(offsets, vertices, np.where(turned, right, left), np.where(turned, left, right))
+def _sorted(chains: _Joined) -> _Joined:
+    order = np.argsort(_sort_keys(chains.offsets, chains.vertices), kind="stable")
+    bounds, members = _gather(order, chains.bounds, chains.members[:, None])
+    return _Joined(*_gather(order, chains.offsets, chains.vertices), bounds, members[:, 0], chains.turned[order])
 
 
 def _mates(offsets: Int64, vertices: Vertices, cut: NDArray[np.bool_]) -> Int64:
@@ -118,14 +168,6 @@ def _mates(offsets: Int64, vertices: Vertices, cut: NDArray[np.bool_]) -> Int64:
         raise InputError("pieces of arcs do not meet at the seams: trace every tile once, with its halo of one pixel")
     mates[ends[::2]], mates[ends[1::2]] = ends[1::2], ends[::2]
     return mates
-
-
-@rule
-def heading_of(row: int, column: int, next_row: int, next_column: int) -> int:
-    """Heading from one corner to another one in the same row or column."""
-    if next_column == column:
-        return DOWN if next_row > row else UP
-    return RIGHT if next_column > column else LEFT
 
 
 @loop
@@ -204,13 +246,14 @@ def _sort_keys(offsets: Int64, vertices: Vertices) -> Int64:
 
 
 @loop
-def _gather(order: Int64, offsets: Int64, vertices: Vertices) -> tuple[Int64, Vertices]:
+def _gather(order: Int64, offsets: Int64, rows: NDArray[Any]) -> tuple[Int64, NDArray[Any]]:
+    """The rows of some runs, and their offsets."""
     bounds = np.zeros(len(order) + 1, np.int64)
-    for i, arc in enumerate(order):
-        bounds[i + 1] = bounds[i] + offsets[arc + 1] - offsets[arc]
-    gathered = np.empty((bounds[-1], 2), np.int32)
-    for i, arc in enumerate(order):
-        for k in range(offsets[arc + 1] - offsets[arc]):
-            gathered[bounds[i] + k, 0] = vertices[offsets[arc] + k, 0]
-            gathered[bounds[i] + k, 1] = vertices[offsets[arc] + k, 1]
+    for i, run in enumerate(order):
+        bounds[i + 1] = bounds[i] + offsets[run + 1] - offsets[run]
+    gathered = np.empty((bounds[-1], rows.shape[1]), rows.dtype)
+    for i, run in enumerate(order):
+        for k in range(offsets[run + 1] - offsets[run]):
+            for column in range(rows.shape[1]):
+                gathered[bounds[i] + k, column] = rows[offsets[run] + k, column]
     return bounds, gathered

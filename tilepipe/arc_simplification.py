@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from tilepipe.arc_network import Arcs, Int64, Vertices
 from tilepipe.errors import InputError
 from tilepipe_kernels.compiled import loop, rule
+from tilepipe_kernels.end_point_fit import keep_vertices
 
 CELL = 16
 """Pixels on a side of the cells by which segments that may meet are found."""
@@ -15,7 +16,9 @@ HALVINGS = 3
 """How often the tolerance of an arc in conflict is halved before the arc stays as it is."""
 
 
-def simplify_arcs(arcs: Arcs, tolerance: float, pixel_height: float = 1.0, pixel_width: float = 1.0) -> Arcs:
+def simplify_arcs(
+    arcs: Arcs, tolerance: float | NDArray[np.float64], pixel_height: float = 1.0, pixel_width: float = 1.0
+) -> Arcs:
     """Simplify each arc by itself (Douglas & Peucker 1973), with its two ends fixed, so that the topology stays.
 
     Arcs that come into conflict are simplified again with half their tolerance, at last not at all. A conflict is a
@@ -28,8 +31,8 @@ def simplify_arcs(arcs: Arcs, tolerance: float, pixel_height: float = 1.0, pixel
     arcs
         Arcs along the cracks of a raster, as `join_arcs` gives them.
     tolerance
-        Largest distance between a removed corner and the segment that replaces it, in the unit of the pixel sizes.
-        A diagonal staircase becomes a line from 0.71 pixels on.
+        Largest distance between a removed corner and the segment that replaces it, in the unit of the pixel sizes,
+        for all arcs or for each. A diagonal staircase becomes a line from 0.71 pixels on.
     pixel_height, pixel_width
         Size of a pixel, > 0.
 
@@ -43,94 +46,22 @@ def simplify_arcs(arcs: Arcs, tolerance: float, pixel_height: float = 1.0, pixel
     InputError
         For a tolerance < 0 or pixel sizes that are not > 0.
     """
-    if not (np.isfinite(tolerance) and tolerance >= 0 and pixel_height > 0 and pixel_width > 0):
+    tolerances = np.array(np.broadcast_to(tolerance, len(arcs)), np.float64)
+    if not (np.isfinite(tolerance).all() and np.all(tolerances >= 0) and pixel_height > 0 and pixel_width > 0):
         raise InputError(f"tolerance ({tolerance}) must be ≥ 0 and pixel sizes > 0: give them in the same unit")
-    tolerances = np.full(len(arcs), float(tolerance))
+    least = tolerances / 2**HALVINGS
     kept = np.ones(len(arcs.vertices), np.bool_)
     redo = np.flatnonzero(tolerances > 0)
-    reach = tolerance / min(pixel_height, pixel_width) + 1
+    reach = tolerances.max(initial=0) / min(pixel_height, pixel_width) + 1
     again = False
     while redo.size:
-        _keep(redo, arcs.offsets, arcs.vertices, tolerances, pixel_height, pixel_width, kept)
+        keep_vertices(redo, arcs.offsets, arcs.vertices, tolerances, pixel_height, pixel_width, kept)
         redo = np.flatnonzero(_conflicts(arcs.offsets, arcs.vertices, kept, redo, again, reach))
         again = True
         tolerances[redo] /= 2
-        tolerances[tolerances < tolerance / 2**HALVINGS] = 0
+        tolerances[tolerances < least] = 0
     offsets = np.concatenate([[0], np.cumsum(kept)])[arcs.offsets]
     return Arcs(offsets, arcs.vertices[kept], arcs.left, arcs.right)
-
-
-@rule
-def _distance(y: float, x: float, down: float, right: float) -> float:
-    """Squared distance of the point (y, x) from the segment between (0, 0) and (down, right)."""
-    square = down * down + right * right
-    along = y * down + x * right
-    if along <= 0 or square == 0:
-        return y * y + x * x
-    if along >= square:
-        return (y - down) ** 2 + (x - right) ** 2
-    across = y * right - x * down
-    return across * across / square
-
-
-@loop
-def _farthest(
-    vertices: Vertices, first: int, last: int, foot: int, top: int, height: float, width: float
-) -> tuple[int, float]:
-    """Of the vertices between first and last the farthest from the segment foot-top, and its squared distance."""
-    down = (vertices[top, 0] - vertices[foot, 0]) * height
-    right = (vertices[top, 1] - vertices[foot, 1]) * width
-    farthest, largest = first, -1.0
-    for k in range(first + 1, last):
-        y = (vertices[k, 0] - vertices[foot, 0]) * height
-        x = (vertices[k, 1] - vertices[foot, 1]) * width
-        distance = _distance(y, x, down, right)
-        if distance > largest:
-            farthest, largest = k, distance
-    return farthest, largest
-
-
-@loop
-def _keep(
-    redo: Int64,
-    offsets: Int64,
-    vertices: Vertices,
-    tolerances: NDArray[np.float64],
-    height: float,
-    width: float,
-    kept: NDArray[np.bool_],
-) -> None:
-    """Say for the arcs to redo which vertices are kept."""
-    for arc in redo:
-        first, last = offsets[arc], offsets[arc + 1] - 1
-        limit = tolerances[arc] ** 2
-        kept[first : last + 1] = limit == 0
-        if limit == 0 or last == first + 1:
-            kept[first] = kept[last] = True
-            continue
-        kept[first] = kept[last] = True
-        todo = [(first, last)]
-        if vertices[first, 0] == vertices[last, 0] and vertices[first, 1] == vertices[last, 1]:
-            # A closed arc has no chord: its farthest corner gives one, and the corners farthest from that an area.
-            middle, _ = _farthest(vertices, first, last, first, last, height, width)
-            one, distance = _farthest(vertices, first, middle, first, middle, height, width)
-            other, opposite = _farthest(vertices, middle, last, middle, last, height, width)
-            kept[middle] = True
-            kept[one] |= distance >= opposite / 4
-            kept[other] |= opposite >= distance / 4
-            todo.pop()
-            begin = first
-            for k in (one, middle, other, last):
-                if kept[k] and k > begin:
-                    todo.append((begin, k))
-                    begin = k
-        while len(todo) > 0:
-            begin, end = todo.pop()
-            k, distance = _farthest(vertices, begin, end, begin, end, height, width)
-            if distance > limit:
-                kept[k] = True
-                todo.append((begin, k))
-                todo.append((k, end))
 
 
 @loop
@@ -150,12 +81,13 @@ def _segments(offsets: Int64, kept: NDArray[np.bool_]) -> tuple[Int64, Int64]:
 
 
 @rule
-def _cell_rows(a: int, b: int, margin: float) -> tuple[int, int]:
+def cell_rows(a: float, b: float, margin: float) -> tuple[int, int]:
+    """Range of rows of cells that come within the margin of the rows from a to b."""
     return max(int(np.floor((min(a, b) - margin) / CELL)), 0), int(np.floor((max(a, b) + margin) / CELL)) + 1
 
 
 @rule
-def _cell_columns(cell_row: int, r0: int, c0: int, r1: int, c1: int, margin: float) -> tuple[int, int]:
+def cell_columns(cell_row: int, r0: float, c0: float, r1: float, c1: float, margin: float) -> tuple[int, int]:
     """Range of cells of one row of cells that come within the margin of a segment."""
     low, high = float(min(c0, c1)), float(max(c0, c1))
     if r0 != r1:
@@ -178,9 +110,9 @@ def _cells_of_redone(
             if not redone[arc_of[s]] or not (with_old or segments[s, 1] > segments[s, 0] + 1):
                 continue
             (r0, c0), (r1, c1) = vertices[segments[s, 0]], vertices[segments[s, 1]]
-            first, last = _cell_rows(r0, r1, reach)
+            first, last = cell_rows(r0, r1, reach)
             for cell_row in range(first, last):
-                left, right = _cell_columns(cell_row, r0, c0, r1, c1, reach)
+                left, right = cell_columns(cell_row, r0, c0, r1, c1, reach)
                 for cell_column in range(left, right):
                     if fill:
                         keys[count], listed[count] = np.int64(cell_row) << 32 | cell_column, s
@@ -241,9 +173,9 @@ def _mark_conflicts(
 ) -> None:
     for s in range(len(segments)):
         (r0, c0), (r1, c1) = vertices[segments[s, 0]], vertices[segments[s, 1]]
-        first, last = _cell_rows(r0, r1, 0.25)
+        first, last = cell_rows(r0, r1, 0.25)
         for cell_row in range(first, last):
-            left, right = _cell_columns(cell_row, r0, c0, r1, c1, 0.25)
+            left, right = cell_columns(cell_row, r0, c0, r1, c1, 0.25)
             stop = np.int64(cell_row) << 32 | right
             at = np.searchsorted(keys, np.int64(cell_row) << 32 | left)
             while at < len(keys) and keys[at] < stop:

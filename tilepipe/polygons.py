@@ -16,9 +16,9 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from tilepipe.arc_network import Arcs, Int64, Vertices, heading_of
+from tilepipe.arc_network import Arcs, Int64, Vertices
 from tilepipe.errors import InputError
-from tilepipe_kernels.arcs import Labels
+from tilepipe_kernels.arcs import Labels, heading_of
 from tilepipe_kernels.compiled import loop
 
 Int32 = NDArray[np.int32]

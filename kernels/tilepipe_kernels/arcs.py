@@ -29,8 +29,8 @@ Corners = NDArray[np.uint8]
 
 
 @dataclass(frozen=True)
-class ArcPieces:
-    """The arcs of one tile core, cut where they leave it, as flat arrays.
+class Pieces:
+    """Chains of the cracks of one tile core, cut where they leave it, as flat arrays.
 
     Attributes
     ----------
@@ -38,20 +38,30 @@ class ArcPieces:
         int64, shape (n + 1,): piece i has ``vertices[offsets[i]:offsets[i + 1]]``.
     vertices
         int32, shape (m, 2): global (row, column) of the first corner, the corners where it turns, and the last one.
-    left, right
-        Labels on the two sides, shape (n,), dtype of the labels; 0 = nodata or outside the raster.
     cut
         bool, shape (n, 2): whether the piece goes on in another tile beyond its first (last) corner.
     """
 
     offsets: NDArray[np.int64]
     vertices: NDArray[np.int32]
-    left: Labels
-    right: Labels
     cut: NDArray[np.bool_]
 
     def __len__(self) -> int:
-        return len(self.left)
+        return len(self.cut)
+
+
+@dataclass(frozen=True)
+class ArcPieces(Pieces):
+    """The pieces of the arcs of one tile core.
+
+    Attributes
+    ----------
+    left, right
+        Labels on the two sides, shape (n,), dtype of the labels; 0 = nodata or outside the raster.
+    """
+
+    left: Labels
+    right: Labels
 
 
 def halo() -> int:
@@ -70,30 +80,37 @@ def _cracks_of_row(above: NDArray[Any], below: NDArray[Any], into: Corners) -> N
 
 
 @loop
-def _corners(labels: NDArray[Any], rows: int, columns: int) -> tuple[Corners, int, int]:
-    """Cracks and stops of all corners, and how many pieces and vertices there are at most.
-
-    A piece stops at a junction, at a corner that another tile owns, and at one that a crack of another tile reaches.
-    """
+def _cracks_of_labels(labels: NDArray[Any]) -> Corners:
     corners = np.empty((labels.shape[0] - 1, labels.shape[1] - 1), np.uint8)
+    for i in range(corners.shape[0]):
+        _cracks_of_row(labels[i], labels[i + 1], corners[i])
+    return corners
+
+
+@loop
+def _mark_stops(corners: Corners, rows: int, columns: int) -> tuple[int, int]:
+    """Mark the stops among the corners; return how many pieces and vertices there are at most.
+
+    A piece stops at a junction, at a loose end, at a corner that another tile owns, and at one that a crack of
+    another tile reaches.
+    """
     ends = turns = rings = 0
     for i in range(corners.shape[0]):
         row = corners[i]
-        _cracks_of_row(labels[i], labels[i + 1], row)
         for j in range(row.size):
             cracks = row[j]
             if cracks == 0:
                 continue
             degree = DEGREE[cracks]
             foreign = (i == 0 and cracks & 1 << UP) or (j == 0 and cracks & 1 << LEFT)
-            if degree > 2 or foreign or i == rows or j == columns:
+            if degree != 2 or foreign or i == rows or j == columns:
                 row[j] = cracks | STOP
                 ends += degree
             elif cracks not in (UPRIGHT, LEVEL):
                 turns += 1
                 rings += cracks == 1 << DOWN | 1 << RIGHT
     pieces = ends // 2 + rings + 1
-    return corners, pieces, 2 * pieces + turns
+    return pieces, 2 * pieces + turns
 
 
 @rule
@@ -142,14 +159,29 @@ def _follow(
 
 
 @loop
-def _trace(
-    labels: NDArray[Any], rows: int, columns: int, origin: tuple[int, int], left: NDArray[Any], right: NDArray[Any]
-) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[Any], NDArray[Any], NDArray[np.bool_]]:
-    """Trace the pieces; ``left`` and ``right`` are empty arrays that only tell the dtype."""
-    corners, bound, total = _corners(labels, rows, columns)
+def trace_cracks(
+    corners: Corners, rows: int, columns: int, origin: tuple[int, int]
+) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.bool_]]:
+    """Trace the chains of cracks of a tile.
+
+    Parameters
+    ----------
+    corners
+        uint8, shape (r, c): bits of the cracks that meet at each corner, of which the tile owns the first `rows` and
+        `columns`; used up.
+    rows, columns
+        r and c at the raster's lower and right border, else one less.
+    origin
+        Global (row, column) of ``corners[0, 0]``.
+
+    Returns
+    -------
+    offsets, vertices, cut
+        As in `Pieces`, in the order that `trace_arcs` states.
+    """
+    bound, total = _mark_stops(corners, rows, columns)
     offsets = np.zeros(bound + 1, np.int64)
     vertices = np.empty((total, 2), np.int32)
-    left, right = np.empty(bound, left.dtype), np.empty(bound, right.dtype)
     cut = np.zeros((bound, 2), np.bool_)
     count = cursor = 0
     # Pieces between stops go first, so that what is left are rings, met first at their lowest corner.
@@ -165,19 +197,75 @@ def _trace(
                     if _is_walked(corners, i, j, heading):
                         continue
                     cut[count, 0] = not rings and DEGREE[row[j] & CRACKS] == 2
-                    left[count] = labels[i + (heading in (DOWN, LEFT)), j + (heading in (DOWN, RIGHT))]
-                    right[count] = labels[i + (heading in (DOWN, RIGHT)), j + (heading in (RIGHT, UP))]
                     cursor, cut[count, 1] = _follow(corners, i, j, heading, origin, vertices, cursor)
                     count += 1
                     offsets[count] = cursor
     # Copies, so that the generous bounds do not stay in memory.
-    return (
-        offsets[: count + 1].copy(),
-        vertices[:cursor].copy(),
-        left[:count].copy(),
-        right[:count].copy(),
-        cut[:count].copy(),
-    )
+    return offsets[: count + 1].copy(), vertices[:cursor].copy(), cut[:count].copy()
+
+
+@rule
+def heading_of(row: int, column: int, next_row: int, next_column: int) -> int:
+    """Heading from one corner to another one in the same row or column."""
+    if next_column == column:
+        return DOWN if next_row > row else UP
+    return RIGHT if next_column > column else LEFT
+
+
+@loop
+def _sides(
+    labels: NDArray[Any], origin: tuple[int, int], offsets: NDArray[np.int64], vertices: NDArray[np.int32],
+    left: NDArray[Any], right: NDArray[Any],
+) -> None:  # fmt: skip
+    """Write the labels to the left and right of the first crack of each piece."""
+    for piece in range(left.size):
+        first, second = vertices[offsets[piece]], vertices[offsets[piece] + 1]
+        heading = heading_of(first[0], first[1], second[0], second[1])
+        i, j = first[0] - origin[0], first[1] - origin[1]
+        left[piece] = labels[i + (heading in (DOWN, LEFT)), j + (heading in (DOWN, RIGHT))]
+        right[piece] = labels[i + (heading in (DOWN, RIGHT)), j + (heading in (RIGHT, UP))]
+
+
+@dataclass(frozen=True)
+class Core:
+    """A tile core in its block, with one pixel around it, 0 beyond the raster."""
+
+    top: int
+    left: int
+    bottom: int
+    right: int
+    last_row: bool
+    last_column: bool
+
+    @classmethod
+    def of(cls, shape: tuple[int, ...], core: tuple[int, int, int, int] | None, origin: tuple[int, int]) -> Core:
+        """Check a core: a window of the block, or None for all of it.
+
+        Raises
+        ------
+        ValueError
+            If it is no window of the block, or the origin is negative.
+        """
+        top, bottom, left, right = (0, shape[0], 0, shape[1]) if core is None else core
+        if not (0 <= top <= bottom <= shape[0] and 0 <= left <= right <= shape[1]):
+            raise ValueError(f"core {core} is not a window of a block of shape {shape}")
+        if min(origin) < 0:
+            raise ValueError(f"origin {origin} must be the block's global row and column, from 0 on")
+        return cls(top, left, bottom, right, bottom == shape[0], right == shape[1])
+
+    @property
+    def corners(self) -> tuple[int, int]:
+        """Rows and columns of the corners that the tile owns."""
+        return self.bottom - self.top + self.last_row, self.right - self.left + self.last_column
+
+    def framed(self, block: NDArray[Any]) -> NDArray[Any]:
+        """The core with its frame."""
+        around = np.zeros((self.bottom - self.top + 2, self.right - self.left + 2), block.dtype)
+        first_row, first_column = max(self.top - 1, 0), max(self.left - 1, 0)
+        seen = block[first_row : self.bottom + 1, first_column : self.right + 1]
+        into_row, into_column = first_row - (self.top - 1), first_column - (self.left - 1)
+        around[into_row : into_row + seen.shape[0], into_column : into_column + seen.shape[1]] = seen
+        return around
 
 
 def trace_arcs(
@@ -215,17 +303,10 @@ def trace_arcs(
     """
     if labels.ndim != 2 or labels.dtype not in (np.int32, np.uint32):
         raise ValueError(f"labels must be a 2-D array of int32 or uint32, got {labels.ndim}-D {labels.dtype}")
-    top, bottom, left, right = (0, labels.shape[0], 0, labels.shape[1]) if core is None else core
-    if not (0 <= top <= bottom <= labels.shape[0] and 0 <= left <= right <= labels.shape[1]):
-        raise ValueError(f"core {core} is not a window of a block of shape {labels.shape}")
-    if min(origin) < 0:
-        raise ValueError(f"origin {origin} must be the block's global row and column, from 0 on")
-    around = np.zeros((bottom - top + 2, right - left + 2), labels.dtype)
-    first_row, first_column = max(top - 1, 0), max(left - 1, 0)
-    seen = labels[first_row : bottom + 1, first_column : right + 1]
-    into_row, into_column = first_row - (top - 1), first_column - (left - 1)
-    around[into_row : into_row + seen.shape[0], into_column : into_column + seen.shape[1]] = seen
-    rows = bottom - top + (bottom == labels.shape[0])
-    columns = right - left + (right == labels.shape[1])
-    none = np.empty(0, labels.dtype)
-    return ArcPieces(*_trace(around, rows, columns, (origin[0] + top, origin[1] + left), none, none))
+    window = Core.of(labels.shape, core, origin)
+    around = window.framed(labels)
+    first = origin[0] + window.top, origin[1] + window.left
+    offsets, vertices, cut = trace_cracks(_cracks_of_labels(around), *window.corners, first)
+    left, right = np.empty_like(labels, shape=len(cut)), np.empty_like(labels, shape=len(cut))
+    _sides(around, first, offsets, vertices, left, right)
+    return ArcPieces(offsets, vertices, cut, left, right)
