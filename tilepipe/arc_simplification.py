@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe.arc_network import Arcs, Int64, Vertices
+from tilepipe.arc_network import Arcs, Chains, Int64, Vertices
 from tilepipe.errors import InputError
 from tilepipe_kernels.compiled import loop, rule
 from tilepipe_kernels.end_point_fit import keep_vertices
@@ -16,52 +16,60 @@ HALVINGS = 3
 """How often the tolerance of an arc in conflict is halved before the arc stays as it is."""
 
 
-def simplify_arcs(
-    arcs: Arcs, tolerance: float | NDArray[np.float64], pixel_height: float = 1.0, pixel_width: float = 1.0
-) -> Arcs:
-    """Simplify each arc by itself (Douglas & Peucker 1973), with its two ends fixed, so that the topology stays.
+def simplify_chains(
+    chains: Chains, tolerance: float | NDArray[np.float64], pixel_height: float = 1.0, pixel_width: float = 1.0
+) -> Chains:
+    """Simplify each chain by itself (Douglas & Peucker 1973), with its two ends fixed, so that the topology stays.
 
-    Arcs that come into conflict are simplified again with half their tolerance, at last not at all. A conflict is a
-    new segment that meets another segment elsewhere than in a common vertex, or that passes an end of an arc or a
+    Chains that come into conflict are simplified again with half their tolerance, at last not at all. A conflict is a
+    new segment that meets another segment elsewhere than in a common vertex, or that passes an end of a chain or a
     kept corner of a closed one; both are decided exactly, in integers. Without conflict no region collapses, none
-    overlaps another, and holes stay where they are. A closed arc keeps three corners at least.
+    overlaps another, and holes stay where they are. A closed chain keeps three corners at least.
 
     Parameters
     ----------
-    arcs
-        Arcs along the cracks of a raster, as `join_arcs` gives them.
+    chains
+        Chains with integer vertices that meet at their ends only, such as those along the cracks of a raster.
     tolerance
         Largest distance between a removed corner and the segment that replaces it, in the unit of the pixel sizes,
-        for all arcs or for each. A diagonal staircase becomes a line from 0.71 pixels on.
+        for all chains or for each. A diagonal staircase becomes a line from 0.71 pixels on.
     pixel_height, pixel_width
-        Size of a pixel, > 0.
+        Size of a step of the vertices, > 0.
 
     Returns
     -------
-    Arcs
-        The same arcs in the same order, with a part of their vertices.
+    Chains
+        The same chains in the same order, with a part of their vertices.
 
     Raises
     ------
     InputError
         For a tolerance < 0 or pixel sizes that are not > 0.
     """
-    tolerances = np.array(np.broadcast_to(tolerance, len(arcs)), np.float64)
+    tolerances = np.array(np.broadcast_to(tolerance, len(chains)), np.float64)
     if not (np.isfinite(tolerance).all() and np.all(tolerances >= 0) and pixel_height > 0 and pixel_width > 0):
         raise InputError(f"tolerance ({tolerance}) must be ≥ 0 and pixel sizes > 0: give them in the same unit")
     least = tolerances / 2**HALVINGS
-    kept = np.ones(len(arcs.vertices), np.bool_)
+    kept = np.ones(len(chains.vertices), np.bool_)
     redo = np.flatnonzero(tolerances > 0)
     reach = tolerances.max(initial=0) / min(pixel_height, pixel_width) + 1
     again = False
     while redo.size:
-        keep_vertices(redo, arcs.offsets, arcs.vertices, tolerances, pixel_height, pixel_width, kept)
-        redo = np.flatnonzero(_conflicts(arcs.offsets, arcs.vertices, kept, redo, again, reach))
+        keep_vertices(redo, chains.offsets, chains.vertices, tolerances, pixel_height, pixel_width, kept)
+        redo = np.flatnonzero(_conflicts(chains.offsets, chains.vertices, kept, redo, again, reach))
         again = True
         tolerances[redo] /= 2
         tolerances[tolerances < least] = 0
-    offsets = np.concatenate([[0], np.cumsum(kept)])[arcs.offsets]
-    return Arcs(offsets, arcs.vertices[kept], arcs.left, arcs.right)
+    offsets = np.concatenate([[0], np.cumsum(kept)])[chains.offsets]
+    return Chains(offsets, chains.vertices[kept])
+
+
+def simplify_arcs(
+    arcs: Arcs, tolerance: float | NDArray[np.float64], pixel_height: float = 1.0, pixel_width: float = 1.0
+) -> Arcs:
+    """Simplify arcs and keep what lies on their sides; arguments and errors as `simplify_chains`."""
+    chains = simplify_chains(arcs, tolerance, pixel_height, pixel_width)
+    return Arcs(chains.offsets, chains.vertices, arcs.left, arcs.right)
 
 
 @loop

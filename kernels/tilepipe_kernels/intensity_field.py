@@ -1,0 +1,240 @@
+"""Labels of an image given its grey values, and of any labelling problem on the pixel grid (`edges`).
+
+- parallel: Highest Confidence First (HCF) in rounds (Swain & Wixson 1992); the default.
+- serial: HCF with a heap (Chou & Brown 1990): the least stable site of all is next.
+- icm: iterated conditional modes (Besag 1986), one colour of the checkerboard after the other, from the labels of
+  least unary cost.
+- annealing: Gibbs sampler (Geman & Geman 1984) over the colours at falling temperatures, then rounds of descent.
+- messages: tree-reweighted messages (Wainwright et al. 2005) decide, then rounds of descent.  With many labels or
+  much noise this ends far lower than HCF, as low as graph cuts do.
+
+All but the serial form are local: a result depends on the block within `halo` pixels and on the global place alone.
+"""
+
+from __future__ import annotations
+
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .annealing import Annealing
+from .compiled import loop
+from .edge_model import EdgeModel, Field, Floats, checked_field, checked_observed, data_energy
+from .label_hcf import parallel_rounds, serial_changes
+from .label_messages import message_labels
+from .label_sweeps import gibbs_sweep, icm_sweep
+from .labelling import (
+    EVERYWHERE,
+    Labelling,
+    Labels,
+    Window,
+    as_result,
+    cheapest_labels,
+    framed_labelling,
+    framed_labels,
+    labelling,
+    wanting_sites,
+)  # fmt: skip
+from .random import as_seed
+
+Method = Literal["parallel", "serial", "icm", "annealing", "messages"]
+
+ROUNDS = 24
+"""Cap on rounds, within which next to no site of a photograph still wants to change."""
+
+MESSAGES = 16
+"""Rounds of messages after which the energy hardly falls."""
+
+
+def halo(
+    rounds: int = ROUNDS, *, method: Method = "parallel", annealing: Annealing | None = None, messages: int = MESSAGES
+) -> int:
+    """Pixels around a block's core that its result depends on.
+
+    In a round of HCF a site looks at the stabilities of its neighbours, which look at theirs; in a sweep the second
+    colour looks at the first; a message goes one pixel a round.
+
+    Raises
+    ------
+    ValueError
+        For the serial form, in which a site may depend on any other.
+    """
+    if method == "serial":
+        raise ValueError("serial HCF has no halo: it needs the whole raster in one block")
+    _check(method, rounds, messages)
+    before = {"annealing": 2 * (annealing or Annealing()).sweeps, "messages": messages}.get(method, 0)
+    return 2 * rounds + before + 1
+
+
+def _check(method: Method, rounds: int, messages: int) -> None:
+    if method not in get_args(Method):
+        raise ValueError(f"method must be one of {', '.join(get_args(Method))}, not {method!r}")
+    if not 1 <= rounds < 2**16:
+        raise ValueError(f"rounds must be from 1 to 65535, not {rounds}")
+    if messages < 1:
+        raise ValueError(f"messages must be 1 round or more, not {messages}")
+
+
+# ------------------------------------------------------------------------------------------------- optimisers
+
+
+def _icm(problem: Labelling, sites: Field, cap: int) -> int:
+    for rounds in range(1, cap + 1):
+        if icm_sweep(problem, sites) == 0:
+            return rounds
+    return cap
+
+
+def _anneal(problem: Labelling, sites: Field, schedule: Annealing) -> None:
+    seed = as_seed(schedule.seed)
+    for sweep, temperature in enumerate(schedule.temperatures()):
+        gibbs_sweep(problem, sites, float(temperature), seed, np.uint64(sweep))
+
+
+def _optimise(
+    problem: Labelling, method: Method, rounds: int, start: ArrayLike | None, core: Window,
+    annealing: Annealing | None, messages: int,
+) -> Labels:  # fmt: skip
+    _check(method, rounds, messages)
+    sites = framed_labels(problem, start)
+    if method == "serial":
+        changes = serial_changes(problem, sites)
+        return as_result(problem, sites, changes, np.empty(0, np.int32), core)
+    if method == "messages":
+        sites = message_labels(problem, messages)
+    elif start is None and method != "parallel":
+        cheapest_labels(problem, sites)
+    if method == "icm":
+        done = _icm(problem, sites, rounds)
+        return as_result(problem, sites, done, wanting_sites(problem, sites), core)
+    if method == "annealing":
+        _anneal(problem, sites, annealing or Annealing())
+    done, wanting = parallel_rounds(problem, sites, rounds)
+    return as_result(problem, sites, done, wanting, core)
+
+
+def minimise(
+    unary: ArrayLike,
+    pairwise: ArrayLike,
+    *,
+    down: ArrayLike | None = None,
+    right: ArrayLike | None = None,
+    method: Method = "parallel",
+    rounds: int = ROUNDS,
+    start: ArrayLike | None = None,
+    origin: tuple[int, int] = (0, 0),
+    core: Window = EVERYWHERE,
+    annealing: Annealing | None = None,
+    messages: int = MESSAGES,
+) -> Labels:
+    """Minimise Σ U_s(x_s) + Σ V_st(x_s, x_t) over the labels of pixels and pairs of 4-adjacent ones.
+
+    Parameters
+    ----------
+    unary, pairwise, down, right, origin
+        The costs, as for `labelling.labelling`: unary (rows, columns, K), NaN = no data; a symmetric table (K, K)
+        or several (T, K, K), from which `down` and `right` choose for each pair.
+    method
+        Optimiser, see the module.
+    rounds
+        Cap on the rounds of HCF and of descent, and on the sweeps of icm.
+    start
+        uint8 (rows, columns): labels to descend from; None: uncommitted for HCF, those of least unary cost for icm
+        and annealing.  `messages` do without.
+    core
+        Rows and columns whose unresolved pixels are counted; elsewhere the block goes on for `halo` pixels.
+    annealing
+        Schedule of that method.
+    messages
+        Rounds of messages of that method.
+
+    Returns
+    -------
+    Labels
+
+    Raises
+    ------
+    ValueError
+        For costs that do not fit together or are not finite, an unknown method, a number of rounds below 1.
+    """
+    problem = labelling(unary, pairwise, down=down, right=right, origin=origin)
+    return _optimise(problem, method, rounds, start, core, annealing, messages)
+
+
+# ------------------------------------------------------------------------------------------------- images
+
+
+@loop
+def _fill_unary(unary: NDArray[np.float32], observed: Floats, sigma: np.float32) -> None:
+    for i in range(observed.shape[0]):
+        for j in range(observed.shape[1]):
+            if not np.isnan(observed[i, j]):
+                for label in range(unary.shape[2]):
+                    unary[i + 1, j + 1, label] = data_energy(observed[i, j], np.float32(label), sigma)
+
+
+def _image_labelling(
+    observed: Floats, model: EdgeModel, horizontal: Field, vertical: Field, origin: tuple[int, int]
+) -> Labelling:
+    """Problem of the intensity field; pairs parted by an element of 0 pay for their contrast."""
+    if (observed.shape[0] + 2) * (observed.shape[1] + 2) >= 2**31:
+        raise ValueError(f"a block of {observed.shape} pixels is too large: make tiles of at most 46000 pixels a side")
+    unary = np.zeros((observed.shape[0] + 2, observed.shape[1] + 2, model.levels), np.float32)
+    _fill_unary(unary, observed, np.float32(model.sigma))
+    label = np.arange(model.levels, dtype=np.float32)
+    contrast = np.float32(model.alpha) * (label[:, None] - label) ** 2
+    free = model.pairwise()
+    tables = np.stack([free, free + contrast])
+    down, right = ((field == 0).astype(np.uint8) for field in (horizontal, vertical))
+    if not (down.any() or right.any()):
+        tables = tables[:1]
+    return framed_labelling(unary, ~np.isnan(observed), tables, down, right, origin)
+
+
+def intensity_field(
+    observed: ArrayLike,
+    model: EdgeModel,
+    *,
+    horizontal: ArrayLike | None = None,
+    vertical: ArrayLike | None = None,
+    method: Method = "parallel",
+    rounds: int = ROUNDS,
+    start: ArrayLike | None = None,
+    origin: tuple[int, int] = (0, 0),
+    core: Window = EVERYWHERE,
+    annealing: Annealing | None = None,
+    messages: int = MESSAGES,
+) -> Labels:
+    """Find the labels of an image by minimising the energy of `edge_model` over them.
+
+    Parameters
+    ----------
+    observed
+        Grey values y in units of labels, shape (rows, columns), real, computed in float32; NaN = no data.
+    model
+        Parameters of the energy.
+    horizontal, vertical
+        Line elements, uint8 of the same shape: where they are 0 the labels also pay for their contrast.  None: no
+        element is committed, as in the first half of the sequential form.
+    method, rounds, start, origin, core, annealing, messages
+        As for `minimise`.
+
+    Returns
+    -------
+    Labels
+
+    Raises
+    ------
+    ValueError
+        For arrays that do not fit together, an unknown method, a number of rounds below 1.
+    """
+    y = checked_observed(observed)
+    if np.isinf(y).any():
+        raise ValueError("observed must be finite, or NaN where there is no data")
+    h, v = (
+        np.full(y.shape, np.uint8(255)) if field is None else checked_field(name, field, y.shape, 2)
+        for name, field in (("horizontal", horizontal), ("vertical", vertical))
+    )
+    problem = _image_labelling(y, model, h, v, origin)
+    return _optimise(problem, method, rounds, start, core, annealing, messages)
