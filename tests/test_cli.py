@@ -26,7 +26,7 @@ from tilepipe.run import STATE
 SHAPE = (90, 110)
 VALUES = draw(SHAPE, band(SHAPE, (-5, 40), (95, 70), 7) | band(SHAPE, (60, -5), (30, 115), 6))
 SETTINGS = [part for name, value in SMALL.items() for part in ("--set", f"{name}={value}")]
-COMMANDS = ["streets", "objects", "run", "plan", "status", "grid", "evaluate", "report", "demo", "city"]
+COMMANDS = ["streets", "objects", "edges", "run", "plan", "status", "grid", "evaluate", "report", "demo", "city"]
 
 
 @pytest.fixture

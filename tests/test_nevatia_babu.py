@@ -70,7 +70,7 @@ def tiles(image: np.ndarray, size: int, threshold: float) -> list[EdgeElements]:
         for left in range(0, image.shape[1], size):
             height, width = min(size, image.shape[0] - top), min(size, image.shape[1] - left)
             block = padded[top : top + height + 2 * halo(), left : left + width + 2 * halo()]
-            core = halo(), halo(), halo() + height, halo() + width
+            core = halo(), halo() + height, halo(), halo() + width
             tables.append(
                 find_elements(block, threshold, core, (top - halo(), left - halo()), image.shape[1]),
             )
@@ -265,7 +265,7 @@ def test_lone_elements_form_no_segment_and_a_lost_neighbour_is_named() -> None:
     assert segments.mean_magnitudes(link_elements(magnitude, elements)).size == 0
     assert straight_lines(link_elements(magnitude, elements), segments, 1)[0].tolist() == [0]
     elements[1, 2] = 3
-    left = link_elements(magnitude, elements, (0, 0, 4, 2), width=4)
+    left = link_elements(magnitude, elements, (0, 4, 0, 2), width=4)
     assert len(left) == 1
     with pytest.raises(ValueError, match=r"pixel \(1, 1\) leads to no edge element"):
         trace_segments(left)
@@ -320,7 +320,7 @@ def test_no_vertex_is_farther_from_its_straight_line_than_the_tolerance(seed: in
         (lambda: thin_edges(np.zeros((3, 3), np.float32), np.zeros((3, 4), np.uint8)), "equal shape"),
         (lambda: thin_edges(np.zeros((3, 3)), np.zeros((3, 3), np.uint8)), "must be float32"),  # type: ignore[arg-type]
         (lambda: thin_edges(np.zeros((3, 3), np.float32), np.zeros((3, 3), np.uint8), -1), "threshold is -1"),
-        (lambda: find_elements(np.zeros((9, 9)), 0, core=(0, 0, 10, 9)), "not a window"),
+        (lambda: find_elements(np.zeros((9, 9)), 0, core=(0, 10, 0, 9)), "not a window"),
         (lambda: find_elements(np.zeros((9, 9)), 0, origin=(-1, 0)), "outside a raster"),
         (lambda: join_elements([]), "no edge elements to join"),
         (lambda: join_elements([find_elements(half_plane(0), 0)] * 2), "stands in two tables"),

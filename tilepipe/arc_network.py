@@ -70,10 +70,13 @@ class Lines(Chains):
     Attributes
     ----------
     contrast
-        int64, shape (n,): sum over the cracks of the difference of grey across them, in ticks.
+        int64, shape (n,): sum over the cracks of the absolute difference of grey across them, in ticks.
+    step
+        int64, shape (n,): sum of the grey to the left of the cracks less that to their right, in ticks.
     """
 
     contrast: Int64
+    step: Int64
 
 
 def join_arcs(pieces: Iterable[ArcPieces]) -> Arcs:
@@ -97,7 +100,7 @@ def join_arcs(pieces: Iterable[ArcPieces]) -> Arcs:
     parts = list(pieces)
     joined = _joined(parts)
     left, right = (np.concatenate([getattr(part, side) for part in parts]) for side in ("left", "right"))
-    first, turned = joined.members[joined.bounds[:-1]], joined.turned
+    first, turned = joined.members[joined.bounds[:-1]], joined.backward[joined.bounds[:-1]]
     left, right = left[first], right[first]
     return Arcs(joined.offsets, joined.vertices, np.where(turned, right, left), np.where(turned, left, right))
 
@@ -106,19 +109,20 @@ def join_lines(pieces: Iterable[LinePieces]) -> Lines:
     """Join the pieces of the lines of all tiles of a raster; arguments and errors as `join_arcs`."""
     parts = list(pieces)
     joined = _joined(parts)
-    contrast = np.concatenate([part.contrast for part in parts])[joined.members]
-    sums = np.add.reduceat(contrast, joined.bounds[:-1]) if contrast.size else contrast
-    return Lines(joined.offsets, joined.vertices, sums)
+    contrast, step = (np.concatenate([getattr(part, name) for part in parts]) for name in ("contrast", "step"))
+    contrast, step = contrast[joined.members], np.where(joined.backward, -1, 1) * step[joined.members]
+    sums = (np.add.reduceat(values, joined.bounds[:-1]) if values.size else values for values in (contrast, step))
+    return Lines(joined.offsets, joined.vertices, *sums)
 
 
 class _Joined(NamedTuple):
-    """Whole chains: chain i is of the pieces ``members[bounds[i]:bounds[i + 1]]``, the first backward if turned."""
+    """Whole chains: chain i is of the pieces ``members[bounds[i]:bounds[i + 1]]``, some of which it reads backward."""
 
     offsets: Int64
     vertices: Vertices
     bounds: Int64
     members: Int64
-    turned: NDArray[np.bool_]
+    backward: NDArray[np.bool_]
 
 
 def _joined(parts: Sequence[Pieces]) -> _Joined:
@@ -145,15 +149,15 @@ def _joined(parts: Sequence[Pieces]) -> _Joined:
             np.concatenate([whole.vertices, corners]),
             np.concatenate([whole.bounds, whole.bounds[-1] + bounds[1:]]),
             np.concatenate([whole.members, split[members]]),
-            np.concatenate([whole.turned, turned ^ backward[bounds[:-1]]]),
+            np.concatenate([whole.backward, np.repeat(turned, np.diff(bounds)) ^ backward]),
         )
     )
 
 
 def _sorted(chains: _Joined) -> _Joined:
     order = np.argsort(_sort_keys(chains.offsets, chains.vertices), kind="stable")
-    bounds, members = _gather(order, chains.bounds, chains.members[:, None])
-    return _Joined(*_gather(order, chains.offsets, chains.vertices), bounds, members[:, 0], chains.turned[order])
+    bounds, pieces = _gather(order, chains.bounds, np.stack([chains.members, chains.backward], axis=1))
+    return _Joined(*_gather(order, chains.offsets, chains.vertices), bounds, pieces[:, 0], pieces[:, 1] != 0)
 
 
 def _mates(offsets: Int64, vertices: Vertices, cut: NDArray[np.bool_]) -> Int64:

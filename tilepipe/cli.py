@@ -27,6 +27,7 @@ app = typer.Typer(
 for _command in (
     cli_pipelines.streets,
     cli_pipelines.objects,
+    cli_pipelines.edges,
     cli_pipelines.run,
     cli_pipelines.plan,
     cli_pipelines.status,

@@ -33,7 +33,7 @@ from tilepipe.errors import InputError
 if TYPE_CHECKING:
     from tilepipe.options import RunOptions
 
-_PIPELINES: dict[str, dict[str, str]] = {"streets": {"heights": "height"}, "objects": {}}
+_PIPELINES: dict[str, dict[str, str]] = {"streets": {"heights": "height"}, "objects": {}, "edges": {}}
 """The pipelines; for each input that a record may name beside the rasters, the argument of the pipeline."""
 
 _TABLES = {"inputs", "raster", "options", "parameters"}
@@ -124,6 +124,12 @@ def streets(
 @pipeline
 def objects() -> Inputs:
     """Object polygons from lidar heights, and the probability of every boundary between them."""
+    return {}
+
+
+@pipeline
+def edges() -> Inputs:
+    """Segmentation, line field and edge lines from aerial photographs, and Nevatia–Babu edges beside them."""
     return {}
 
 

@@ -41,7 +41,8 @@ class EdgeParameters(BaseModel):
     # optimisation
     optimiser: Optimiser = Field(
         "parallel",
-        description="parallel (HCF in rounds), messages (of levels; lower energies with many levels), icm, annealing",
+        description="parallel (HCF in rounds), messages (HCF that starts with levels found by messages: lower energies, "
+        "far lower with many levels), icm or annealing",
     )
     rounds: int = Field(24, ge=1, le=1000, description="most rounds for each field; sets the halo of the tiles")
     sweeps: int = Field(100, ge=1, le=10_000, description="sweeps of annealing; set the halo of the tiles")
@@ -72,8 +73,6 @@ class EdgeParameters(BaseModel):
             raise ValueError("lowest_percentile must lie below highest_percentile")
         if self.minimum_street_width > self.maximum_street_width:
             raise ValueError("minimum_street_width must not exceed maximum_street_width")
-        if self.scheme == "integrated" and self.optimiser == "messages":
-            raise ValueError("optimiser messages finds levels alone: use scheme sequential, or another optimiser")
         return self
 
     def model(self) -> EdgeModel:
@@ -91,7 +90,7 @@ class EdgeParameters(BaseModel):
 
     @property
     def line_method(self) -> line_field.Method:
-        """Optimiser of the lines: messages are for levels alone."""
+        """Optimiser of the lines; messages are between levels."""
         return "parallel" if self.optimiser == "messages" else self.optimiser
 
 

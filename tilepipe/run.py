@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, TypeVar
 
 from tilepipe.errors import InputError
 from tilepipe.executors import Executor, open_executor
@@ -33,6 +33,7 @@ _GDAL_CACHE = 64
 """GDAL's cache of decoded blocks in MiB; its own choice grows with the machine and would break the memory plan."""
 
 Record = dict[str, Any]
+Result = TypeVar("Result")
 
 
 def absolute_name(name: str) -> str:
@@ -88,7 +89,7 @@ class Run:
             return run_pass(job, self.state, self.executor, self.progress)
 
     @contextmanager
-    def beside(self, function: Callable[..., Path], *arguments: Any) -> Iterator[Future[Path]]:
+    def beside(self, function: Callable[..., Result], *arguments: Any) -> Iterator[Future[Result]]:
         """Run a function in a thread of its own beside the block; the block ends when it has ended."""
         with ThreadPoolExecutor(1, thread_name_prefix="beside") as pool:
             yield pool.submit(function, *arguments)

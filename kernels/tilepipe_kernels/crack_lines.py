@@ -29,9 +29,12 @@ class LinePieces(Pieces):
     ----------
     contrast
         int64, shape (n,): sum over the cracks of the absolute difference of grey across them, in ticks.
+    step
+        int64, shape (n,): sum of the grey to the left of the cracks less that to their right, in ticks.
     """
 
     contrast: NDArray[np.int64]
+    step: NDArray[np.int64]
 
 
 def halo() -> int:
@@ -54,28 +57,33 @@ def _cracks_of_elements(h: Field, v: Field) -> Corners:
 
 @rule
 def ticks_between(a: np.float32, b: np.float32) -> np.int64:
-    """Absolute difference of two grey values in ticks; 0 if one is missing."""
-    difference = abs(np.float64(a) - np.float64(b)) * TICKS
-    if not difference <= _LARGEST:
-        return np.int64(0) if np.isnan(difference) else np.int64(_LARGEST)
-    return np.int64(difference + 0.5)
+    """First grey value less the second in ticks; 0 if one is missing."""
+    difference = (np.float64(a) - np.float64(b)) * TICKS
+    if np.isnan(difference):
+        return np.int64(0)
+    ticks = np.int64(min(abs(difference), _LARGEST) + 0.5)
+    return ticks if difference > 0 else -ticks
 
 
 @loop
 def _contrasts(
     grey: Floats, origin: tuple[int, int], offsets: NDArray[np.int64], vertices: NDArray[np.int32]
-) -> NDArray[np.int64]:
-    """Sum of the differences of grey across the cracks of each piece."""
-    sums = np.zeros(len(offsets) - 1, np.int64)
-    for piece in range(sums.size):
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Sums of the absolute and of the signed differences of grey across the cracks of each piece."""
+    contrast, step = np.zeros(len(offsets) - 1, np.int64), np.zeros(len(offsets) - 1, np.int64)
+    for piece in range(step.size):
         for k in range(offsets[piece], offsets[piece + 1] - 1):
             i, j = vertices[k, 0] - origin[0], vertices[k, 1] - origin[1]
             last_i, last_j = vertices[k + 1, 0] - origin[0], vertices[k + 1, 1] - origin[1]
             for row in range(min(i, last_i), max(i, last_i)):
-                sums[piece] += ticks_between(grey[row + 1, j], grey[row + 1, j + 1])
+                ticks = ticks_between(grey[row + 1, j + 1], grey[row + 1, j])  # what is right lies left of going down
+                contrast[piece] += abs(ticks)
+                step[piece] += ticks if last_i > i else -ticks
             for column in range(min(j, last_j), max(j, last_j)):
-                sums[piece] += ticks_between(grey[i, column + 1], grey[i + 1, column + 1])
-    return sums
+                ticks = ticks_between(grey[i, column + 1], grey[i + 1, column + 1])
+                contrast[piece] += abs(ticks)
+                step[piece] += ticks if last_j > j else -ticks
+    return contrast, step
 
 
 def trace_lines(
@@ -125,4 +133,4 @@ def trace_lines(
     first = origin[0] + window.top, origin[1] + window.left
     corners = _cracks_of_elements(window.framed(horizontal), window.framed(vertical))
     offsets, vertices, cut = trace_cracks(corners, *window.corners, first)
-    return LinePieces(offsets, vertices, cut, _contrasts(window.framed(grey), first, offsets, vertices))
+    return LinePieces(offsets, vertices, cut, *_contrasts(window.framed(grey), first, offsets, vertices))

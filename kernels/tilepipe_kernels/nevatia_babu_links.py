@@ -186,7 +186,7 @@ def link_elements(
     magnitude, elements
         float32 and uint8, shape (rows, columns): a block as `edge_responses` and `thin_edges` give it.
     core
-        Window (first row, first column, end row, end column) of the block; the whole block if None.
+        Window (first row, end row, first column, end column) of the block; the whole block if None.
     origin
         Global (row, column) of the block's first pixel; negative where the halo leaves the raster.
     width
@@ -201,7 +201,7 @@ def link_elements(
         raise ValueError(f"magnitude {magnitude.shape} and elements {elements.shape} must be images of equal shape")
     if magnitude.dtype != np.float32 or elements.dtype != np.uint8:
         raise ValueError(f"magnitude must be float32 and elements uint8, not {magnitude.dtype} and {elements.dtype}")
-    top, left, bottom, right = (0, 0, *elements.shape) if core is None else core
+    top, bottom, left, right = (0, elements.shape[0], 0, elements.shape[1]) if core is None else core
     if not (0 <= top <= bottom <= elements.shape[0] and 0 <= left <= right <= elements.shape[1]):
         raise ValueError(f"core {core} is not a window of a block of shape {elements.shape}")
     columns = origin[1] + elements.shape[1] if width is None else width

@@ -1,0 +1,188 @@
+"""Highest Confidence First (HCF) over the coupled fields, serial and in rounds."""
+
+from __future__ import annotations
+
+import heapq
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .compiled import loop, rule
+from .hcf import comes_before, site_rank
+from .line_energies import (
+    NO_WISH,
+    SURE,
+    Block,
+    Flat,
+    Floats,
+    Frame,
+    Marks,
+    Sites,
+    Weights,
+    field_of,
+    find_stabilities,
+    pixels_of,
+    wishes,
+)  # fmt: skip
+from .line_sites import H, V
+from .random import inlined_rule
+
+
+@rule
+def place_of(site: int, frame: Frame) -> tuple[int, int]:
+    """Global place of a site on the grid of half a pixel, on which labels and elements all lie elsewhere."""
+    field = field_of(site, frame.plane)
+    at = site - field * frame.plane
+    row = at // frame.width
+    column = at - row * frame.width
+    return 2 * (frame.row + row) + (field == H), 2 * (frame.column + column) + (field == V)
+
+
+# ------------------------------------------------------------------------------------------------- serial
+
+
+@loop
+def serial_hcf(block: Block, weights: Weights) -> int:
+    """Change the least stable site until none wants to; return the number of changes."""
+    state, _, exists, offsets, _, bounds, _, frame = block
+    stabilities, choices = np.full(state.size, NO_WISH, np.float32), np.empty(state.size, np.uint8)
+    near = np.empty(1 + max(bounds[1:] - bounds[:-1]), np.int32)
+    before = np.empty(near.size, np.float32)
+    heap = [(NO_WISH, np.uint32(0), np.int64(0))]
+    for site in wishes(block, weights, stabilities, choices, True):
+        heapq.heappush(heap, (stabilities[site], site_rank(*place_of(site, frame)), np.int64(site)))
+    changes = 0
+    while len(heap) > 1:
+        queued, _, site = heapq.heappop(heap)
+        # An entry that is no longer true was left behind when a neighbour changed.
+        if queued != stabilities[site]:
+            continue
+        state[site] = choices[site]
+        changes += 1
+        field = field_of(int(site), frame.plane)
+        count = 0
+        for k in range(bounds[field] - 1, bounds[field + 1]):
+            other = site if k < bounds[field] else site + offsets[k]
+            if exists[other]:
+                near[count], before[count] = other, stabilities[other]
+                count += 1
+        find_stabilities(block, weights, near[:count], stabilities, choices)
+        for k in range(count):
+            other, now = near[k], stabilities[near[k]]
+            if now != before[k] and now < NO_WISH:
+                heapq.heappush(heap, (now, site_rank(*place_of(other, frame)), np.int64(other)))
+    return changes
+
+
+# ------------------------------------------------------------------------------------------------- parallel
+
+
+@inlined_rule
+def _is_least(
+    stabilities: Floats, offsets: NDArray[np.int64], steps: NDArray[np.int64], bounds: NDArray[np.int64],
+    frame: Frame, site: int,
+) -> bool:  # fmt: skip
+    """Whether a site that wants to change is the least stable of its neighbourhood, ties by rank."""
+    field = field_of(site, frame.plane)
+    own = stabilities[site]
+    blocked, tied = False, False
+    for k in range(bounds[field], bounds[field + 1]):
+        g = stabilities[site + offsets[k]]
+        blocked |= g < own
+        tied |= g == own
+    if blocked or not tied:
+        return not blocked
+    row, column = place_of(site, frame)
+    rank = site_rank(row, column)
+    for k in range(bounds[field], bounds[field + 1]):
+        other = site_rank(row + steps[2 * k], column + steps[2 * k + 1])
+        blocked |= comes_before(stabilities[site + offsets[k]], other, own, rank)
+    return not blocked
+
+
+@loop
+def _change_least(block: Block, stabilities: Floats, choices: Flat, wanting: Sites, changed: Sites) -> int:
+    """Change the least stable sites of all neighbourhoods at once; return how many, listed in `changed`."""
+    state, _, _, offsets, steps, bounds, _, frame = block
+    count = 0
+    for site in wanting:
+        if stabilities[site] == SURE or _is_least(stabilities, offsets, steps, bounds, frame, site):
+            changed[count] = site
+            count += 1
+    for site in changed[:count]:
+        state[site] = choices[site]
+    return count
+
+
+@inlined_rule
+def _is_quiet(state: Flat, stabilities: Floats, frame: Frame, site: int) -> bool:
+    """Whether no neighbour feels that a sure element became 0: no edge to break off, and labels that are content."""
+    along = 1 if site < 2 * frame.plane else frame.width
+    pixel, other = pixels_of(site, frame)
+    edges = (state[site - 2 * along] == 1) | (state[site - along] == 1)
+    edges |= (state[site + along] == 1) | (state[site + 2 * along] == 1)
+    return not edges and stabilities[pixel] == NO_WISH and stabilities[other] == NO_WISH
+
+
+@loop
+def _touch(block: Block, stabilities: Floats, changed: Sites, seen: Marks, touched: Sites) -> int:
+    """List and mark the changed sites and the neighbours that may feel it, each once; return how many."""
+    state, _, exists, offsets, _, bounds, _, frame = block
+    count = 0
+    for site in changed:
+        field = field_of(site, frame.plane)
+        end = bounds[field + 1]
+        if stabilities[site] == SURE and _is_quiet(state, stabilities, frame, site):
+            end = bounds[field]
+        for k in range(bounds[field] - 1, end):
+            other = site if k < bounds[field] else site + offsets[k]
+            if exists[other] and not seen[other]:
+                seen[other] = True
+                touched[count] = other
+                count += 1
+    return count
+
+
+@loop
+def parallel_rounds(
+    block: Block, weights: Weights, stabilities: Floats, choices: Flat, wanting: Sites, rounds: int
+) -> tuple[int, Sites]:
+    """Let all sites change at once that are least stable in their neighbourhood, for some rounds.
+
+    Parameters
+    ----------
+    block, weights
+        The state is changed.
+    stabilities, choices
+        G of every site, `NO_WISH` where there is none, and the values that the wanting ones would take; changed.
+    wanting
+        The sites that want to change.
+    rounds
+        Cap on the rounds.
+
+    Returns
+    -------
+    rounds, wanting
+        Rounds made, and the sites that still want to change.
+    """
+    seen = np.zeros(block.state.size, np.bool_)
+    widest = 1 + max(block.bounds[1:] - block.bounds[:-1])
+    made = 0
+    while made < rounds and wanting.size > 0:
+        changed = np.empty(wanting.size, np.int32)
+        changes = _change_least(block, stabilities, choices, wanting, changed)
+        touched = np.empty(min(changes * widest, seen.size), np.int32)
+        touches = _touch(block, stabilities, changed[:changes], seen, touched)
+        following = np.empty(wanting.size + touches + 1, np.int32)
+        count = 0
+        for site in wanting:
+            following[count] = site
+            count += not seen[site]
+        find_stabilities(block, weights, touched[:touches], stabilities, choices)
+        for site in touched[:touches]:
+            seen[site] = False
+            following[count] = site
+            count += stabilities[site] < NO_WISH
+        wanting = following[:count].copy()
+        made += 1
+    return made, wanting

@@ -1,0 +1,142 @@
+"""The pass of `edges` that finds both fields of a tile, and the edge elements of the classical method."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tilepipe.edge_levels import LevelScale
+from tilepipe.edge_parameters import EdgeParameters
+from tilepipe.grid import Tile, Window
+from tilepipe.ledger import Facts
+from tilepipe.passes import StateArray, write_state
+from tilepipe.photograph import Photograph
+from tilepipe_kernels import crack_lines, intensity_field, line_field, nevatia_babu_links
+from tilepipe_kernels.annealing import Annealing
+from tilepipe_kernels.edge_model import EnergyTerms, energy_terms
+from tilepipe_kernels.grey_levels import LEVEL_STEPS
+
+NODATA = 255
+"""Level and lines of a pixel without data."""
+
+ELEMENT_COLUMNS = ("pixel", "direction", "magnitude", "links")
+PIECE_COLUMNS = ("offsets", "vertices", "cut", "contrast", "step")
+
+
+@dataclass(frozen=True)
+class FieldContext:
+    """What the pass needs to know; picklable."""
+
+    photograph: Photograph
+    scale: LevelScale
+    parameters: EdgeParameters
+    levels: StateArray
+    lines: StateArray
+    threshold: float
+    seed: int
+
+
+def halo(parameters: EdgeParameters) -> int:
+    """Pixels around a core on which its levels, lines and edge elements depend."""
+    p = parameters
+    annealing = Annealing(sweeps=p.sweeps)
+    if p.scheme == "integrated":
+        method = p.line_method
+        fields = line_field.halo(p.model(), p.rounds, method=method, integrated=True, annealing=annealing)
+        fields += intensity_field.halo(p.rounds, method="messages") if p.optimiser == "messages" else 0
+    else:
+        fields = intensity_field.halo(p.rounds, method=p.optimiser, annealing=annealing)
+        fields += line_field.halo(p.model(), p.rounds, method=p.line_method, annealing=annealing)
+    # the cracks of the tile's own border, and the terms of its energy, look a little farther
+    return max(fields + 2, nevatia_babu_links.halo() if p.nevatia_babu else 0)
+
+
+def find_fields(context: FieldContext, tile: Tile) -> Facts:
+    """Tile function: writes levels and lines; facts are the pieces of edge lines, edge elements, and counts."""
+    p = context.parameters
+    values = context.photograph.read(tile.padded)
+    grey = context.scale.grey(values)
+    observed = context.scale.levels(grey)
+    core, origin = tile.core_in_padded, tile.padded.origin
+    levels, h, v, unresolved = _fields(context, observed, core, origin)
+    facts = _pieces(grey, h, v, core, origin)
+    facts |= _energy(energy_terms(observed, levels, h, v, p.levels, core=core.slices), unresolved)
+    if p.nevatia_babu:
+        elements = nevatia_babu_links.find_elements(
+            values, context.threshold, core.as_tuple(), origin, context.photograph.raster.shape[1]
+        )
+        facts |= {f"element:{name}": getattr(elements, name) for name in ELEMENT_COLUMNS}
+    lines = h[core.slices] | v[core.slices] << 1
+    lines[levels[core.slices] == NODATA] = NODATA
+    arrays = {"levels": context.levels, "lines": context.lines}
+    return facts | write_state(arrays, tile, {"levels": levels[core.slices], "lines": lines})
+
+
+def _fields(
+    context: FieldContext, observed: NDArray[np.float32], core: Window, origin: tuple[int, int]
+) -> tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.uint8], int]:
+    """Levels, horizontal and vertical elements of a block, and how many sites of its core still want to change."""
+    p, model, part = context.parameters, context.parameters.model(), core.slices
+    annealing = Annealing(sweeps=p.sweeps, seed=context.seed)
+    if p.scheme == "integrated":
+        start = None
+        if p.optimiser == "messages":
+            start = intensity_field.intensity_field(
+                observed, model, method="messages", rounds=p.rounds, origin=origin
+            ).labels
+        both = line_field.coupled_fields(
+            observed,
+            model,
+            method=p.line_method,
+            rounds=p.rounds,
+            origin=origin,
+            core=part,
+            annealing=annealing,
+            start=start,
+        )
+        return both.labels, both.horizontal, both.vertical, both.unresolved
+    found = intensity_field.intensity_field(
+        observed, model, method=p.optimiser, rounds=p.rounds, origin=origin, core=part, annealing=annealing
+    )
+    drawn = line_field.line_field(
+        found.labels, model, method=p.line_method, rounds=p.rounds, origin=origin, core=part, annealing=annealing
+    )
+    return found.labels, drawn.horizontal, drawn.vertical, found.unresolved + drawn.unresolved
+
+
+def _pieces(
+    grey: NDArray[np.float32], h: NDArray[np.uint8], v: NDArray[np.uint8], core: Window, origin: tuple[int, int]
+) -> Facts:
+    pieces = crack_lines.trace_lines(h, v, grey, core.as_tuple(), origin)
+    return {name: getattr(pieces, name) for name in PIECE_COLUMNS}
+
+
+def _energy(terms: EnergyTerms, unresolved: int) -> Facts:
+    """Terms of the core; observed values are whole steps of a level, so that their sum is exact."""
+    counts = [terms.unparted, terms.broken, terms.corners, terms.crowded, unresolved]
+    return {
+        "squares": np.array([round(terms.squares * LEVEL_STEPS**2)], np.int64),
+        "differences": terms.differences,
+        "terms": np.array(counts, np.int64),
+    }
+
+
+@dataclass(frozen=True)
+class FieldCounts:
+    """What both fields of the whole raster are made of, and how many sites still wanted to change."""
+
+    terms: EnergyTerms
+    unresolved: int
+
+
+def count_fields(facts: Iterable[Facts]) -> FieldCounts:
+    """Sum of the counts of all tiles."""
+    parts = list(facts)
+    squares, differences, terms = (
+        np.sum([part[name] for part in parts], axis=0) for name in ("squares", "differences", "terms")
+    )
+    *counted, unresolved = (int(count) for count in terms)
+    return FieldCounts(EnergyTerms(float(squares[0]) / LEVEL_STEPS**2, differences, *counted), unresolved)
