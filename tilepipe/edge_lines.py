@@ -76,7 +76,7 @@ class Streets(NamedTuple):
     Attributes
     ----------
     candidate
-        Whether half of the line or more has another border opposite it, on one side.
+        Whether half of the line or more has another border opposite it, on one side, for at least the street's width.
     width
         Median width of the street, in pixels; NaN where there is none.
     partner
@@ -143,7 +143,7 @@ def find_streets(
     share, width, partner = (
         np.where(better, getattr(right, name), getattr(left, name)) for name in ("share", "width", "partner")
     )
-    candidate = share >= _BESIDE
+    candidate = (share >= _BESIDE) & (share * chains.lengths() >= width)
     return Streets(candidate, np.where(candidate, width, np.nan), np.where(candidate, partner, -1), share)
 
 

@@ -26,7 +26,7 @@ class EdgeParameters(BaseModel):
     grey: Grey = Field("automatic", description="grey value of several bands: automatic, luminance or principal")
     lowest_percentile: float = Field(1.0, ge=0, lt=100, description="percentile of the image that becomes grey 0")
     highest_percentile: float = Field(99.0, gt=0, le=100, description="percentile that becomes grey 255")
-    levels: int = Field(2, ge=2, le=64, description="grey levels to which the image is reduced (K)")
+    levels: int = Field(4, ge=2, le=64, description="grey levels to which the image is reduced (K)")
 
     # model
     potential: Potential = Field("reciprocal", description="f(d): reciprocal, -1/(1 + |d|), or quadratic, d²")
@@ -34,8 +34,8 @@ class EdgeParameters(BaseModel):
     noise: float = Field(0.3, gt=0, le=100, description="noise of the image in grey levels (σ)")
     smoothness: float = Field(1.0, ge=0, le=100, description="weight of equal neighbours (β)")
     step_weight: float = Field(0.5, ge=0, le=100, description="weight of steps that no line element marks (α)")
-    continuity: float = Field(0.5, ge=0, le=100, description="weight of lines that end (γ)")
-    corners: float = Field(0.5, ge=0, le=100, description="weight of corners (ξ)")
+    continuity: float = Field(0.2, ge=0, le=100, description="weight of lines that end (γ)")
+    corners: float = Field(0.2, ge=0, le=100, description="weight of corners (ξ)")
     parallels: float = Field(0.5, ge=0, le=100, description="weight of parallel lines side by side (ζ)")
 
     # optimisation
@@ -49,7 +49,7 @@ class EdgeParameters(BaseModel):
 
     # edge lines
     simplification: float = Field(0.5, ge=0, le=0.5, description="tolerance of the lines' vertices in pixels")
-    minimum_length: float = Field(3.0, ge=0, le=1e06, description="shortest edge line (m)")
+    minimum_length: float = Field(5.0, ge=0, le=1e06, description="shortest edge line (m)")
     minimum_street_width: float = Field(4.0, gt=0, le=1000, description="narrowest street between two edges (m)")
     maximum_street_width: float = Field(25.0, gt=0, le=1000, description="widest street between two edges (m)")
     maximum_street_angle: float = Field(
@@ -65,7 +65,7 @@ class EdgeParameters(BaseModel):
         description="share of the thinned edge elements kept; none = corner of their histogram (Rosin)",
     )
     edge_tolerance: float = Field(1.0, gt=0, le=100, description="tolerance of its straight lines in pixels")
-    minimum_edge_length: float = Field(3.0, ge=0, le=1e06, description="shortest of its lines (m)")
+    minimum_edge_length: float = Field(5.0, ge=0, le=1e06, description="shortest of its lines (m)")
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
