@@ -199,6 +199,7 @@ class _Job(Job):
         values = {
             "grey": photograph.conversion,
             "band_weights": photograph.weights,
+            "grey_range": [scale.darkest, scale.brightest],
             "level_values": [scale.darkest + mean / 255 * (scale.brightest - scale.darkest) for mean in scale.means],
             "energy": found.terms.total(model),
             "energy_of_levels": found.terms.intensity(model),
