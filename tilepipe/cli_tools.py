@@ -112,10 +112,15 @@ def evaluate(
 
 def report(folder: Annotated[Path, typer.Argument(help="Folder of a finished run.")]) -> None:
     """Draw quick-look pictures of a run, and of streets a map page."""
+    from tilepipe.edge_quicklook import edge_pictures
     from tilepipe.object_quicklook import object_pictures
     from tilepipe.report import report
 
-    for path in object_pictures(folder) if (folder / "regions.tif").is_file() else report(folder):
+    makers = {"streets.tif": report, "regions.tif": object_pictures, "segments.tif": edge_pictures}
+    draw = next((maker for name, maker in makers.items() if (folder / name).is_file()), None)
+    if draw is None:
+        raise InputError(f"{folder} holds none of {', '.join(makers)}; give the folder of a finished run")
+    for path in draw(folder):
         print(path)
 
 

@@ -41,8 +41,8 @@ class EdgeParameters(BaseModel):
     # optimisation
     optimiser: Optimiser = Field(
         "parallel",
-        description="parallel (HCF in rounds), messages (HCF that starts with levels found by messages: lower energies, "
-        "far lower with many levels), icm or annealing",
+        description="parallel (HCF in rounds), messages (HCF that starts with levels found by messages: lower "
+        "energies, far lower with many levels), icm or annealing",
     )
     rounds: int = Field(24, ge=1, le=1000, description="most rounds for each field; sets the halo of the tiles")
     sweeps: int = Field(100, ge=1, le=10_000, description="sweeps of annealing; set the halo of the tiles")

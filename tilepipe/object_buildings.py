@@ -78,10 +78,10 @@ def find_buildings(
         Seed of the random numbers.
     """
     regions, region = merged.mean.size, merged.region
-    pixels = leaves.graph.statistics.count
+    pixels = leaves.statistics.count
     above = _means(relief.above, pixels, region, regions)
     highest_above = np.full(regions, -np.inf)
-    np.maximum.at(highest_above, region, leaves.highest - (leaves.graph.statistics.mean - relief.above))
+    np.maximum.at(highest_above, region, leaves.highest - (leaves.statistics.mean - relief.above))
     features = np.stack([_means(values, pixels, region, regions) for values in (relief.planarity, relief.bend)], axis=1)
     area = merged.graph.statistics.count * resolution**2
     raised = above >= parameters.minimum_building_height

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,12 +29,10 @@ class Leaves:
         Place in this order of every local leaf number, see `Numbering`, int32.
     numbering
         The local leaf numbers of all tiles.
-    graph
-        Heights in metres and borders in pixel sides.
+    statistics
+        Count, mean height in m, and spread in m².
     lowest, highest
         Lowest and highest pixel of each leaf in m, float32.
-    spread
-        Sum of the squared deviations from each leaf's mean in m², not limited as the graph's is.
     relief
         What the leaves tell of buildings, if it is asked for.
     """
@@ -41,10 +40,9 @@ class Leaves:
     first: NDArray[np.int64]
     rank: NDArray[np.int32]
     numbering: Numbering
-    graph: RegionGraph
+    statistics: Statistics
     lowest: NDArray[np.float32]
     highest: NDArray[np.float32]
-    spread: NDArray[np.float64]
     relief: Relief | None
 
     def lookup(self, values: NDArray[np.uint32]) -> NDArray[np.uint32]:
@@ -52,7 +50,7 @@ class Leaves:
         return values[self.rank]
 
 
-def reconcile_leaves(grid: TileGrid, facts: list[Facts], largest_variance: float) -> Leaves:
+def reconcile_leaves(grid: TileGrid, facts: list[Facts], largest_variance: float) -> tuple[Leaves, RegionGraph]:
     """Lay the leaves of all tiles end to end in the order of their first pixels and join their contacts.
 
     Parameters
@@ -60,7 +58,7 @@ def reconcile_leaves(grid: TileGrid, facts: list[Facts], largest_variance: float
     grid
         Tiling.
     facts
-        Facts of the pass `leaves`, by tile.
+        Facts of the pass `leaves`, by tile; emptied.
     largest_variance
         Variance in m² above which squares are split.  The smallest squares can exceed it, on walls and in trees:
         what they hold is no noise of one surface, so they count with this variance.
@@ -69,34 +67,44 @@ def reconcile_leaves(grid: TileGrid, facts: list[Facts], largest_variance: float
     -------
     Leaves
         Nothing in it depends on the tiling.
+    RegionGraph
+        Their graph, spreads limited as said, borders in pixel sides; large, and of no use once they have merged.
     """
+    # what has been taken over is given up at once, since all facts together are larger than all that is made of them
     numbering = Numbering.of_counts(np.array([f["first"].size for f in facts]))
-    first = np.concatenate([f["first"] for f in facts])
+    first = _taken(facts, "first")
     order = np.argsort(first, kind="stable")
+    first = first[order]
     rank = np.empty(order.size, np.int32)
     rank[order] = np.arange(order.size, dtype=np.int32)
-    count, total, squares = (
-        np.concatenate([f[name] for f in facts])[order].astype(np.float64) for name in ("count", "total", "squares")
-    )
-    spread = np.maximum(squares - total * (total / count), 0.0) / TICKS_PER_METRE**2
-    limited = np.minimum(spread, largest_variance * count)
-    statistics = Statistics(count, total / count / TICKS_PER_METRE, limited)
     edges, length = _joined([*_tile_contacts(facts, numbering, rank), *_seam_contacts(grid, facts, numbering, rank)])
+    count, total, spread = (_taken(facts, name)[order].astype(np.float64) for name in ("count", "total", "squares"))
+    mean = total / count
+    total *= mean
+    spread -= total
+    del total
+    np.maximum(spread, 0.0, out=spread)
+    spread /= TICKS_PER_METRE**2
+    mean /= TICKS_PER_METRE
+    limited = Statistics(count, mean, np.minimum(spread, largest_variance * count))
     lowest, highest = (
-        (np.concatenate([f[name] for f in facts])[order] / TICKS_PER_METRE).astype(np.float32)
-        for name in ("lowest", "highest")
+        (_taken(facts, name)[order] / TICKS_PER_METRE).astype(np.float32) for name in ("lowest", "highest")
     )
-    relief = Relief.of_facts(facts, order)
-    graph = RegionGraph(statistics, edges, length)
-    return Leaves(first[order], rank, numbering, graph, lowest, highest, spread, relief)
+    statistics, relief = Statistics(count, mean, spread), Relief.of_facts(facts, order)
+    return Leaves(first, rank, numbering, statistics, lowest, highest, relief), RegionGraph(limited, edges, length)
+
+
+def _taken(facts: list[Facts], name: str) -> NDArray[Any]:
+    """A column of all tiles, taken out of their facts."""
+    return np.concatenate([found.pop(name) for found in facts])
 
 
 def _tile_contacts(
     facts: list[Facts], numbering: Numbering, rank: NDArray[np.int32]
 ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int32]]]:
     for tile, found in enumerate(facts):
-        ends = rank[numbering.globalise(tile, found["edges"])]
-        yield _keys(ends), found["length"].astype(np.int32)
+        ends = rank[numbering.globalise(tile, found.pop("edges"))]
+        yield _keys(ends), found.pop("length").astype(np.int32)
 
 
 def _seam_contacts(

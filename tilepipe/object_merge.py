@@ -89,6 +89,7 @@ def merge_regions(
     first = sampler.variances(graph, sites)
     smoothness, noise = float(first.smoothness.mean()), float(first.noise.mean())
     state = _State(parameters, graph, np.arange(sites.size, dtype=np.int32), tell)
+    del graph
     smallest = parameters.minimum_area / resolution**2
     while True:
         state.merge_expected(smoothness, noise, workers, _FEW_BORDERS)

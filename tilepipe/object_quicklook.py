@@ -11,15 +11,14 @@ from numpy.typing import NDArray
 
 from tilepipe.aside import written_aside
 from tilepipe.errors import InputError
-from tilepipe.quicklook import INK, Bounds, draw_scale_bar, write_header
+from tilepipe.picture_frame import DPI, FOOTER, HEADER, INK, MARGIN, Bounds, draw_scale_bar, write_header
 
 if TYPE_CHECKING:
     from geopandas import GeoDataFrame
     from matplotlib.axes import Axes
 
-_DPI = 100
 _LONGEST_SIDE = 1500
-_MARGIN, _HEADER, _FOOTER, _BAR = 40, 110, 80, 110
+_BAR = 110
 _DETAIL_PIXELS = 400
 _MOST_BORDERS = 60_000
 HEIGHT_COLOURS, BORDER_COLOURS, BUILDING_COLOURS = "viridis", "plasma", "YlGnBu"
@@ -123,11 +122,11 @@ def _draw(
     if borders is None:
         scale = min(scale, max(1.0, 1000 / max(rows, columns)))
     height, width = max(round(rows * scale), 1), max(round(columns * scale), 1)
-    wide, high = max(width + 2 * _MARGIN + _BAR, 1000), height + _HEADER + _FOOTER
-    figure = Figure(figsize=(wide / _DPI, high / _DPI), dpi=_DPI, facecolor="white")
+    wide, high = max(width + 2 * MARGIN + _BAR, 1000), height + HEADER + FOOTER
+    figure = Figure(figsize=(wide / DPI, high / DPI), dpi=DPI, facecolor="white")
     FigureCanvasAgg(figure)
     left = (wide - width - _BAR) / 2 / wide
-    axes = figure.add_axes((left, _FOOTER / high, width / wide, height / high))
+    axes = figure.add_axes((left, FOOTER / high, width / wide, height / high))
     values = _region_values(raster, of_region, bounds, (height, width))
     known = values[np.isfinite(values)]
     low, top = np.percentile(known, (2, 98)) if known.size and not chance else (0.0, 1.0)
@@ -144,11 +143,11 @@ def _draw(
         drawn, label = _draw_borders(axes, borders, bounds), "probability that both sides are one object"
     axes.set(xlim=(bounds[0], bounds[2]), ylim=(bounds[1], bounds[3]), xticks=[], yticks=[])
     write_header(figure, left, high, title, facts)
-    bar = figure.add_axes((left + (width + 24) / wide, _FOOTER / high, 16 / wide, min(height, 500) / high))
+    bar = figure.add_axes((left + (width + 24) / wide, FOOTER / high, 16 / wide, min(height, 500) / high))
     figure.colorbar(drawn, cax=bar, label=label).outline.set_edgecolor(INK)
     draw_scale_bar(figure, left + width / wide, width / wide, bounds, metres)
     with written_aside(path) as aside:
-        figure.savefig(aside, dpi=_DPI, metadata={"Software": None})
+        figure.savefig(aside, dpi=DPI, metadata={"Software": None})
     return path
 
 

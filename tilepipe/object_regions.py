@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +24,7 @@ from tilepipe.object_buildings import Buildings
 from tilepipe.object_graph import Leaves
 from tilepipe.object_merge import Merged
 from tilepipe.passes import StateArray
-from tilepipe.polygons import assemble_polygons
+from tilepipe.polygons import PolygonRings, assemble_polygons
 from tilepipe.relabel import read_relabelled
 from tilepipe_kernels import arcs as arc_kernel
 from tilepipe_kernels.merging import pooled
@@ -92,6 +94,7 @@ def write_tables(
     geometry: Geometry,
     simplification: float,
     regularisation: float = 0.0,
+    workers: int = 1,
 ) -> list[Path]:
     """Write ``objects.parquet``, ``boundaries.parquet`` and, where they are told, ``buildings.parquet``.
 
@@ -111,13 +114,13 @@ def write_tables(
         Tolerance of the borders in m; 0 = pixel steps.
     regularisation
         Largest move in m of the corners of buildings, or of regions of that shape where nothing is known; 0 = none.
+    workers
+        Threads; they do not show in the tables.
 
     Returns
     -------
     list of Path
     """
-    import shapely
-
     exact = join_arcs(_pieces(ledger))
     rings = assemble_polygons(exact)
     pixel = geometry.resolution
@@ -133,21 +136,43 @@ def write_tables(
             pixel_width=pixel,
             regions=wanted,
         )
-    affine = geometry.transform
-    ids, geometries = rings.geometries(arcs, affine)
+    tables: dict[str, Callable[..., Any]] = {
+        "objects": partial(_write_objects, rings=rings, arcs=arcs, leaves=leaves, merged=merged, buildings=buildings),
+        "boundaries": partial(_write_boundaries, arcs=arcs, merged=merged),
+    }
+    if buildings is not None:
+        tables["buildings"] = partial(
+            write_buildings, exact=exact, arcs=arcs, leaves=leaves, merged=merged, buildings=buildings
+        )
+    paths = [folder / f"{name}.parquet" for name in tables]
+    with ThreadPoolExecutor(min(len(tables), workers)) as pool:
+        list(pool.map(lambda write, path: write(path, geometry=geometry), tables.values(), paths))
+    return paths
+
+
+def _write_objects(
+    path: Path,
+    rings: PolygonRings,
+    arcs: Arcs,
+    leaves: Leaves,
+    merged: Merged,
+    buildings: Buildings | None,
+    geometry: Geometry,
+) -> None:
+    import shapely
+
+    ids, geometries = rings.geometries(arcs, geometry.transform)
     # nodata can part a region, so that all are written as multipolygons
     parts, owner = shapely.get_parts(geometries, return_index=True)
     polygons = shapely.multipolygons(parts, indices=owner)
-    objects, boundaries = folder / "objects.parquet", folder / "boundaries.parquet"
-    with ParquetWriter(objects, OBJECT_COLUMNS, geometry.crs, "MultiPolygon") as table:
+    with ParquetWriter(path, OBJECT_COLUMNS, geometry.crs, "MultiPolygon") as table:
         columns = _object_columns(ids.astype(np.int64), polygons, leaves, merged, geometry)
         table.append(columns | _building_columns(ids, buildings), polygons)
-    with ParquetWriter(boundaries, BOUNDARY_COLUMNS, geometry.crs, "LineString") as table:
-        table.append(_boundary_columns(arcs, merged, pixel), _lines(arcs, affine))
-    if buildings is None:
-        return [objects, boundaries]
-    path = write_buildings(folder / "buildings.parquet", exact, arcs, leaves, merged, buildings, geometry)
-    return [objects, boundaries, path]
+
+
+def _write_boundaries(path: Path, arcs: Arcs, merged: Merged, geometry: Geometry) -> None:
+    with ParquetWriter(path, BOUNDARY_COLUMNS, geometry.crs, "LineString") as table:
+        table.append(_boundary_columns(arcs, merged, geometry.resolution), _lines(arcs, geometry.transform))
 
 
 def _object_columns(
@@ -158,8 +183,7 @@ def _object_columns(
 
     region, at = merged.region, ids - 1
     regions = merged.mean.size
-    # with the leaves' true spreads, where the graph has limited ones
-    own = pooled(replace(leaves.graph.statistics, spread=leaves.spread), region, regions)
+    own = pooled(leaves.statistics, region, regions)
     lowest, highest = np.full(regions, np.inf, np.float32), np.full(regions, -np.inf, np.float32)
     np.minimum.at(lowest, region, leaves.lowest)
     np.maximum.at(highest, region, leaves.highest)

@@ -26,6 +26,7 @@ from tilepipe.passes import Pass, Progress, StateArray
 from tilepipe.planning import Plan, plan_passes
 from tilepipe.raster import open_raster
 from tilepipe.run import STATE, Record, Run
+from tilepipe_kernels.merging import RegionGraph
 from tilepipe_kernels.quadtree import LARGEST_SIDE
 
 _PER_MEGAPIXEL = 100_000 * 250
@@ -126,13 +127,14 @@ class _Job(Job):
     parameters: ObjectParameters
 
     def layers(self, run: Run) -> list[Path]:
-        leaves = self.reconcile(run, run.run_pass(self.leaves_pass(run.state)))
-        merged = self.merge(run, leaves)
-        buildings = self.find_buildings(run, leaves, merged)
+        leaves, merged = self.merge(run, *self.reconcile(run, run.run_pass(self.leaves_pass(run.state))))
         tracing = self.borders_pass(run.state, tuple(leaves.numbering.offsets.tolist()))
-        with run.beside(self.write_raster, run, tracing.context) as raster:
+        with (
+            run.beside(self.write_raster, run, tracing.context) as raster,
+            run.beside(self.find_buildings, run, leaves, merged) as buildings,
+        ):
             borders = run.run_pass(tracing)
-            tables = self.write_tables(run, borders, leaves, merged, buildings)
+            tables = self.write_tables(run, borders, leaves, merged, buildings.result())
             return [raster.result(), *tables, self.write_convergence(run, merged)]
 
     @property
@@ -155,7 +157,7 @@ class _Job(Job):
         arrays = {"labels": labels}
         return Pass("leaves", object_leaves.find_leaves, context, self.grid, context.halo, arrays, bytes_per_pixel=60)
 
-    def reconcile(self, run: Run, ledger: Ledger) -> Leaves:
+    def reconcile(self, run: Run, ledger: Ledger) -> tuple[Leaves, RegionGraph]:
         """Leaves of the raster and their graph.
 
         Raises
@@ -165,13 +167,14 @@ class _Job(Job):
         """
         with run.timed("reconcile leaves"):
             facts = ledger.all_facts()
-            leaves = reconcile_leaves(self.grid, facts, self.parameters.split_deviation**2)
+            absurd = sum(int(found["absurd"][0]) for found in facts)
+            leaves, graph = reconcile_leaves(self.grid, facts, self.parameters.split_deviation**2)
             if not leaves.first.size:
                 raise InputError(
                     f"{self.raster.names[0]}: holds nothing but nodata; check the file and its nodata value"
                 )
-            self._warn_of_heights(leaves, sum(int(found["absurd"][0]) for found in facts))
-            return leaves
+            self._warn_of_heights(leaves, absurd)
+            return leaves, graph
 
     def _warn_of_heights(self, leaves: Leaves, absurd: int) -> None:
         """Say what heights can hardly be meant: another unit, or a nodata value that nobody has declared."""
@@ -184,11 +187,13 @@ class _Job(Job):
         if low < _PLAUSIBLE[0] or high > _PLAUSIBLE[1]:
             warnings.warn(f"{name}: heights from {low:,.0f} to {high:,.0f} m; {advice}", stacklevel=4)
 
-    def merge(self, run: Run, leaves: Leaves) -> Merged:
-        """Merged regions; their ids go to the state for the next pass."""
+    def merge(self, run: Run, leaves: Leaves, graph: RegionGraph) -> tuple[Leaves, Merged]:
+        """The leaves and their merged regions, whose ids go to the state for the next pass."""
         with run.timed("merge"):
+            given_up = [graph]
+            del graph  # nobody holds the graph of the leaves any more once it has merged
             merged = merge_regions(
-                leaves.graph,
+                given_up.pop(),
                 leaves.first,
                 self.parameters,
                 resolution=self.resolution,
@@ -197,7 +202,7 @@ class _Job(Job):
                 tell=run.progress,
             )
             np.save(run.state / "lookup.npy", leaves.lookup((merged.region + 1).astype(np.uint32)))
-            return merged
+            return leaves, merged
 
     def find_buildings(self, run: Run, leaves: Leaves, merged: Merged) -> Buildings | None:
         """Buildings among the regions, if they are asked for."""
@@ -226,7 +231,7 @@ class _Job(Job):
         with run.timed("polygons"):
             tolerances = self.parameters.simplification, self.parameters.regularisation
             paths = object_regions.write_tables(
-                run.state, borders, leaves, merged, buildings, self.raster.geometry, *tolerances
+                run.state, borders, leaves, merged, buildings, self.raster.geometry, *tolerances, self.options.workers
             )
         return self.convert(run, paths)
 

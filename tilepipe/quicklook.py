@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import tomllib
 from collections.abc import Sequence
@@ -15,21 +14,29 @@ from numpy.typing import NDArray
 
 from tilepipe.aside import written_aside
 from tilepipe.errors import InputError
+from tilepipe.picture_frame import (
+    DPI,
+    FOOTER,
+    HEADER,
+    INK,
+    MARGIN,
+    Bounds,
+    busiest_window,
+    draw_frame,
+    draw_scale_bar,
+    recorded_inputs,
+    write_header,
+)
 
 if TYPE_CHECKING:
     from geopandas import GeoDataFrame
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Bounds = tuple[float, float, float, float]
-
 REGION_COLOUR = "#00a6d6"
 LINE_COLOUR = "#ff3d14"
 JUNCTION_COLOUR = "#ffd60a"
-INK = "#1d2433"
-_DPI = 100
 _LONGEST_SIDE = 1800
-_MARGIN, _HEADER, _FOOTER = 40, 110, 80
 _DETAIL_PIXELS = 1000
 
 
@@ -106,7 +113,7 @@ def open_run(run_dir: str | os.PathLike[str], rasters: Sequence[str | os.PathLik
     if (folder / "run.toml").is_file():
         settings = tomllib.loads((folder / "run.toml").read_text(encoding="utf-8"))
     named = rasters if rasters is not None else settings.get("inputs", {}).get("rasters", [])
-    paths = [path if path.exists() or path.is_absolute() else folder / path for path in map(Path, named)]
+    paths = recorded_inputs(folder, named)
     with rasterio.open(folder / "streets.tif") as regions:
         bounds, shape, crs = tuple(regions.bounds), (regions.height, regions.width), regions.crs
     metres = metres_per_unit(crs, str(folder / "streets.tif"))
@@ -230,30 +237,7 @@ def _paste(path: Path, mosaic: NDArray[np.float32], bounds: Bounds) -> None:
 
 def _busiest_window(run: StreetsRun) -> Bounds | None:
     """Find the 1000 x 1000 pixels with most centerline; None when the raster is hardly larger."""
-    import shapely
-
-    rows, columns = run.shape
-    if max(rows, columns) <= 1.2 * _DETAIL_PIXELS:
-        return None
-    cell = _DETAIL_PIXELS // 8
-    counts = np.zeros((math.ceil(rows / cell), math.ceil(columns / cell)))
-    # Points at even steps along the lines: their number is the length.
-    dense = shapely.segmentize(run.centerlines.geometry.to_numpy(), cell * run.pixel / 4)
-    points, line = shapely.get_coordinates(dense, return_index=True)
-    same = line[1:] == line[:-1]
-    middle, delta = (points[1:] + points[:-1])[same] / 2, (points[1:] - points[:-1])[same]
-    row = np.clip(((run.bounds[3] - middle[:, 1]) / run.pixel / cell).astype(int), 0, counts.shape[0] - 1)
-    column = np.clip(((middle[:, 0] - run.bounds[0]) / run.pixel / cell).astype(int), 0, counts.shape[1] - 1)
-    np.add.at(counts, (row, column), np.hypot(delta[:, 0], delta[:, 1]))
-    sums = np.pad(counts.cumsum(0).cumsum(1), ((1, 0), (1, 0)))
-    high, wide = min(8, counts.shape[0]), min(8, counts.shape[1])
-    window = sums[high:, wide:] - sums[:-high, wide:] - sums[high:, :-wide] + sums[:-high, :-wide]
-    best_row, best_column = np.unravel_index(int(window.argmax()), window.shape)
-    row0 = min(int(best_row) * cell, max(rows - _DETAIL_PIXELS, 0))
-    column0 = min(int(best_column) * cell, max(columns - _DETAIL_PIXELS, 0))
-    height, width = min(_DETAIL_PIXELS, rows), min(_DETAIL_PIXELS, columns)
-    left, top = run.bounds[0] + column0 * run.pixel, run.bounds[3] - row0 * run.pixel
-    return left, top - height * run.pixel, left + width * run.pixel, top
+    return busiest_window(run.centerlines, run.bounds, run.shape, _DETAIL_PIXELS)
 
 
 def _draw(run: StreetsRun, bounds: Bounds, name: str, title: str, facts: str, frame: Bounds | None = None) -> Path:
@@ -266,25 +250,24 @@ def _draw(run: StreetsRun, bounds: Bounds, name: str, title: str, facts: str, fr
     # Small rasters are enlarged, but not to blurs.
     scale = min(scale, max(1.0, 1000 / max(rows, columns)))
     height, width = max(round(rows * scale), 1), max(round(columns * scale), 1)
-    canvas_width = max(width + 2 * _MARGIN, 1000)
-    canvas_height = height + _HEADER + _FOOTER
-    figure = Figure(figsize=(canvas_width / _DPI, canvas_height / _DPI), dpi=_DPI, facecolor="white")
+    canvas_width = max(width + 2 * MARGIN, 1000)
+    canvas_height = height + HEADER + FOOTER
+    figure = Figure(figsize=(canvas_width / DPI, canvas_height / DPI), dpi=DPI, facecolor="white")
     FigureCanvasAgg(figure)
     left = (canvas_width - width) / 2 / canvas_width
-    axes = figure.add_axes((left, _FOOTER / canvas_height, width / canvas_width, height / canvas_height))
+    axes = figure.add_axes((left, FOOTER / canvas_height, width / canvas_width, height / canvas_height))
     _draw_map(axes, run, bounds, (height, width), frame)
     write_header(figure, left, canvas_height, title, facts)
     _draw_legend(figure, axes)
     draw_scale_bar(figure, left + width / canvas_width, width / canvas_width, bounds, run.metres)
     with written_aside(run.folder / name) as aside:
-        figure.savefig(aside, dpi=_DPI, metadata={"Software": None})
+        figure.savefig(aside, dpi=DPI, metadata={"Software": None})
     return run.folder / name
 
 
 def _draw_map(axes: Axes, run: StreetsRun, bounds: Bounds, shape: tuple[int, int], frame: Bounds | None) -> None:
     from matplotlib.collections import LineCollection
     from matplotlib.colors import to_rgb
-    from matplotlib.patches import Rectangle
 
     extent = (bounds[0], bounds[2], bounds[1], bounds[3])
     axes.imshow(grey_background(run, bounds, shape), cmap="gray", vmin=0, vmax=255, extent=extent, aspect="auto")
@@ -302,11 +285,7 @@ def _draw_map(axes: Axes, run: StreetsRun, bounds: Bounds, shape: tuple[int, int
     size = (pen + 3.2) ** 2
     axes.scatter(points[:, 0], points[:, 1], s=size, c=JUNCTION_COLOUR, edgecolors=INK, linewidths=0.9, zorder=4)
     if frame is not None:
-        corner, wide, high = frame[:2], frame[2] - frame[0], frame[3] - frame[1]
-        axes.add_patch(Rectangle(corner, wide, high, fill=False, edgecolor="white", linewidth=2.6, zorder=5))
-        axes.add_patch(
-            Rectangle(corner, wide, high, fill=False, edgecolor=INK, linewidth=1.2, linestyle=(0, (5, 3)), zorder=6)
-        )
+        draw_frame(axes, frame)
     axes.set_xlim(bounds[0], bounds[2])
     axes.set_ylim(bounds[1], bounds[3])
     axes.set_xticks([])
@@ -320,12 +299,6 @@ def _vertices(line: Any) -> list[NDArray[np.float64]]:
     import shapely
 
     return [shapely.get_coordinates(part) for part in shapely.get_parts(line)]
-
-
-def write_header(figure: Figure, left: float, height: int, title: str, facts: str) -> None:
-    """Write title and facts above a map that begins at ``left`` (figure fraction); ``height`` in pixels."""
-    figure.text(left, 1 - 46 / height, title, fontsize=20, fontweight="bold", color=INK, va="center")
-    figure.text(left, 1 - 82 / height, facts, fontsize=11.5, color="#57606f", va="center")
 
 
 def _draw_legend(figure: Figure, axes: Axes) -> None:
@@ -351,26 +324,3 @@ def _draw_legend(figure: Figure, axes: Axes) -> None:
         labelcolor=INK,
         columnspacing=1.6,
     )
-
-
-def draw_scale_bar(figure: Figure, right: float, map_width: float, bounds: Bounds, metres: float) -> None:
-    """Draw a two-part bar of a round number of metres, ending at `right` (figure fraction)."""
-    from matplotlib.patches import Rectangle
-
-    ground = (bounds[2] - bounds[0]) * metres
-    length = round_length(ground * min(0.2, 240 / _DPI / figure.get_figwidth() / map_width))
-    wide = map_width * length / ground
-    height = figure.get_figheight() * _DPI
-    y, thick = (_FOOTER / 2 - 12) / height, 7 / height
-    for part, colour in ((0, INK), (1, "white")):
-        corner = (right - wide + part * wide / 2, y)
-        figure.add_artist(Rectangle(corner, wide / 2, thick, facecolor=colour, edgecolor=INK, linewidth=1))
-    text = f"{length / 1000:g} km" if length >= 1000 else f"{length:g} m"
-    for place, label in ((right - wide, "0"), (right, text)):
-        figure.text(place, y + 15 / height, label, fontsize=11, color=INK, ha="center" if label == "0" else "right")
-
-
-def round_length(longest: float) -> float:
-    """Return the largest 1, 2 or 5 times a power of ten that is no more than `longest`."""
-    power = 10.0 ** math.floor(math.log10(longest))
-    return max(factor * power for factor in (1, 2, 5) if factor * power <= longest * (1 + 1e-12))

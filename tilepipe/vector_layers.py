@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 LINES = ("LineString", "MultiLineString")
 POLYGONS = ("Polygon", "MultiPolygon")
 
-_RESULTS = ("centerlines", "buildings", "objects")
+_RESULTS = ("centerlines", "buildings", "objects", "edges")
 """Tables of runs that can be scored; of a folder, the first that is there."""
 
 
