@@ -2,25 +2,18 @@
 
 from __future__ import annotations
 
-import json
-import shutil
-import statistics
 import sys
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
+from benchmarks.commands import Runs, pipeline, repeated_and_single, repeated_rival
 from benchmarks.machine import load_average
 from benchmarks.object_quality import PartitionScore, blocks_of, high_regions, score_buildings, score_partition
 from benchmarks.object_scenes import ObjectScene
-from benchmarks.watch import Watched, watch
 from tilepipe.evaluate_areas import AreaScore
-from tilepipe.run import TIMINGS
 
-LONG = 120.0
-"""Seconds; a run that takes longer is not repeated."""
 LARGEST_SCORED = 70.0
 """Megapixels of the largest scene that is scored: scoring takes longer than the work."""
 LARGEST_CHECKED = 3.0
@@ -30,13 +23,11 @@ OURS, RIVAL = "**tilepipe objects**", "median, cc3d, dust"
 
 
 @dataclass
-class Outcome:
+class Outcome(Runs):
     """What one contestant did on one scene.
 
     Attributes
     ----------
-    runs, single
-        The command on all cores, and on one where it can use more.
     objects
         Number of polygons, where `objects.parquet` could be read.
     valid, coverage
@@ -49,69 +40,32 @@ class Outcome:
         Its buildings against the true ones, by the way they were told.
     """
 
-    contestant: str
-    scene: ObjectScene
-    runs: list[Watched] = field(default_factory=list)
-    single: Watched | None = None
-    stages: list[dict[str, float]] = field(default_factory=list)
-    load: float = 0.0
     objects: int = 0
     valid: bool = False
     coverage: bool | None = None
     covered: float = 0.0
     partition: PartitionScore | None = None
     buildings: dict[str, AreaScore] = field(default_factory=dict)
-    skipped: str = ""
-
-    @property
-    def seconds(self) -> float:
-        """Median time of a run."""
-        return statistics.median(run.seconds for run in self.runs)
-
-    @property
-    def rate(self) -> float:
-        """Megapixels per second."""
-        return self.scene.megapixels / self.seconds
 
 
 def run_ours(scene: ObjectScene, out: Path, repetitions: int) -> Outcome:
     """Run `tilepipe objects` with its defaults; the first call of all should have compiled."""
-    command = ours(scene, out)
-    outcome = _repeated(Outcome(OURS, scene, load=load_average()), command, out, repetitions)
-    kept = out.with_name("kept")
-    out.rename(kept)
-    outcome.single = watch([*command, "--workers", "1"])
-    shutil.rmtree(out)
-    kept.rename(out)
+    outcome = repeated_and_single(Outcome(OURS, scene, load=load_average()), ours(scene, out), out, repetitions)
     _score(outcome, out)
     return outcome
 
 
 def ours(scene: ObjectScene, out: Path) -> list[str]:
     """The command of the pipeline."""
-    return [sys.executable, "-m", "tilepipe", "objects", str(scene.raster), "--out", str(out), "--overwrite", "--quiet"]
+    return pipeline("objects", scene.raster, out)
 
 
 def run_rival(scene: ObjectScene, out: Path, repetitions: int) -> Outcome:
     """Run `benchmarks.object_rivals`."""
-    outcome = Outcome(RIVAL, scene, load=load_average())
     command = [sys.executable, "-m", "benchmarks.object_rivals", str(scene.raster), str(out)]
-    try:
-        watch(command)
-    except RuntimeError as error:
-        outcome.skipped = str(error).strip().splitlines()[-1]
-        return outcome
-    _score(_repeated(outcome, command, out, repetitions), out)
-    return outcome
-
-
-def _repeated(outcome: Outcome, command: Sequence[str], out: Path, repetitions: int) -> Outcome:
-    for _ in range(repetitions):
-        shutil.rmtree(out, ignore_errors=True)
-        outcome.runs.append(watch(command))
-        outcome.stages.append(json.loads((out / TIMINGS).read_text()))
-        if outcome.runs[-1].seconds > LONG:
-            break
+    outcome = repeated_rival(Outcome(RIVAL, scene, load=load_average()), command, out, repetitions)
+    if not outcome.skipped:
+        _score(outcome, out)
     return outcome
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import statistics
 from collections.abc import Callable, Iterator, Sequence
 
 from benchmarks.machine import Machine
@@ -151,23 +150,6 @@ def _building_cells(score: AreaScore) -> list[str]:
     large, rms = score.large_objects, score.result_to_truth.rms
     shares = (score.iou, large.completeness, large.correctness, large.quality)
     return [*(percent(share) for share in shares), "–" if math.isnan(rms) else f"{rms:.2f}"]
-
-
-def stage_table(outcomes: Sequence[Outcome]) -> Table:
-    """Seconds and share of the time per stage, medians; what stages at work at one time leave over is the rest."""
-    table = Table("Where the time goes (stages may overlap)", ("scene", "contestant", "stages"))
-    for outcome in outcomes:
-        if not outcome.stages:
-            continue
-        names = list(outcome.stages[0])
-        seconds = [statistics.median(stages.get(name, 0.0) for stages in outcome.stages) for name in names]
-        names.append("start and the rest")
-        seconds.append(max(0.0, outcome.seconds - sum(seconds)))
-        parts = [
-            f"{name} {value:.1f} s ({value / outcome.seconds:.0%})" for name, value in zip(names, seconds, strict=True)
-        ]
-        table.rows.append([outcome.scene.name, outcome.contestant, ", ".join(parts)])
-    return table
 
 
 def verdict(outcomes: Sequence[Outcome]) -> list[str]:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from benchmarks.commands import stage_table
 from benchmarks.harness import Case, Measurement, Unsuitable, measure
 from benchmarks.kernels import warn_if_busy
 from benchmarks.machine import Machine, describe_machine
@@ -22,7 +23,6 @@ from benchmarks.object_tables import (
     building_table,
     partition_table,
     speed_table,
-    stage_table,
     verdict,
 )
 from benchmarks.tables import LEGEND, RESULTS, Table, comparison, save

@@ -19,7 +19,20 @@ import tilepipe.accessor  # noqa: F401
 from tests.scenes import band, draw, ring, write_raster
 from tilepipe.errors import InputError
 from tilepipe.raster import as_dataarray, open_raster
-from tilepipe_kernels import diffusion, growing, morphology, ridges, skeleton
+from tilepipe_kernels import (
+    diffusion,
+    grey_levels,
+    ground,
+    growing,
+    intensity_field,
+    line_field,
+    morphology,
+    nevatia_babu,
+    quadtree,
+    ridges,
+    skeleton,
+)
+from tilepipe_kernels.edge_model import EdgeModel
 
 SHAPE = (60, 71)
 STREETS = band(SHAPE, (-5, 20), (70, 50), 7) | ring(SHAPE, (30, 45), 18, 5)
@@ -40,7 +53,7 @@ def array(values: np.ndarray) -> xr.DataArray:
     return made.rio.write_crs("EPSG:32633")
 
 
-OPERATORS: dict[str, tuple[bool, Callable[[Any], xr.DataArray], Callable[[np.ndarray], np.ndarray]]] = {
+OPERATORS: dict[str, tuple[bool | None, Callable[[Any], xr.DataArray], Callable[[np.ndarray], np.ndarray]]] = {
     "diffuse": (
         False,
         lambda a: a.tilepipe.diffuse(steps=4, gradient_sigma=1.5),
@@ -62,11 +75,60 @@ OPERATORS: dict[str, tuple[bool, Callable[[Any], xr.DataArray], Callable[[np.nda
         None,
     ),
 }
+MEANS = (40.0, 90.0, 140.0, 170.0)
+CALM = EdgeModel(levels=4, gamma=0.2, xi=0.2)
+
+
+def levels_of(values: np.ndarray) -> np.ndarray:
+    return grey_levels.to_levels(values.astype(np.float32), np.array(MEANS))
+
+
+def lines_of(labels: np.ndarray) -> np.ndarray:
+    found = line_field.line_field(labels, CALM, rounds=6)
+    return np.where(labels == 255, 255, found.horizontal | found.vertical << 1)
+
+
+def leaf_means(values: np.ndarray) -> np.ndarray:
+    ticks = np.where(np.isnan(values), quadtree.MISSING, np.rint(np.nan_to_num(values).astype(float) * 1000)).astype(
+        np.int32
+    )
+    labels, leaves = quadtree.split(ticks, threshold=12_000.0**2, smallest=1, largest=8)
+    return np.append(np.nan, leaves.total / leaves.count / 1000)[labels].astype(np.float32)
+
+
+def steps_of(values: np.ndarray) -> np.ndarray:
+    magnitude, direction = nevatia_babu.edge_responses(values)
+    elements = nevatia_babu.thin_edges(magnitude, direction, 20_000)
+    return np.where(elements < 255, magnitude / 1000, 0).astype(np.float32)
+
+
+# line elements are between levels: neither greys nor a mask
+OPERATORS |= {
+    "quadtree": (False, lambda a: a.tilepipe.quadtree(deviation=12, largest=8), leaf_means),
+    "ground": (
+        False,
+        lambda a: a.tilepipe.ground(resolution=1.0, largest_object=12),
+        lambda v: ground.ground_height(v, resolution=1.0, largest_object=12),
+    ),
+    "segment": (
+        False,
+        lambda a: a.tilepipe.segment(means=MEANS, rounds=6),
+        lambda v: intensity_field.intensity_field(levels_of(v), EdgeModel(levels=4), rounds=6).labels,
+    ),
+    "line_field": (
+        None,
+        lambda a: a.tilepipe.line_field(levels=4, rounds=6, gamma=0.2, xi=0.2),
+        lines_of,
+    ),
+    "nevatia_babu": (False, lambda a: a.tilepipe.nevatia_babu(threshold=20), steps_of),
+}
 LOCAL = [name for name in OPERATORS if name != "grow_regions"]
 CHUNKS = [(17, 23), (60, 9), (4, 71), ((1, 38, 2, 19), (40, 3, 28)), (60, 71)]
 
 
 def raster_for(name: str) -> np.ndarray:
+    if name == "line_field":
+        return intensity_field.intensity_field(levels_of(greys()), CALM).labels
     noise = np.random.default_rng(1).random(SHAPE) < 0.03
     return STREETS ^ noise if OPERATORS[name][0] else greys()
 
@@ -248,7 +310,7 @@ def test_results_of_an_opened_raster_can_be_written(tmp_path):
 
     raster = as_dataarray(open_raster([write_raster(tmp_path / "a.tif", greys())]), chunks=25)
     for name in OPERATORS:
-        source = raster < 100 if OPERATORS[name][0] else raster
+        source = raster < 100 if OPERATORS[name][0] is not False else raster
         result = OPERATORS[name][1](source)
         if result.dtype == bool:
             result = result.astype(np.uint8)
@@ -269,6 +331,12 @@ def test_any_real_dtype(dtype):
     nan_is_background = np.where(STREETS, 1, np.nan)
     for mask in (STREETS.astype(np.uint8), nan_is_background, STREETS * np.int32(7)):
         assert np.array_equal(opened(array(mask)).values, opened(array(STREETS)).values)
+
+
+@pytest.mark.parametrize("weights", [{"sigma": 0.0}, {"sharpness": 1}])
+def test_weights_of_the_edges_are_checked_at_once(weights):
+    with pytest.raises(InputError, match=f"model of the edges.*{next(iter(weights))}"):
+        array(greys()).chunk(y=20, x=20).tilepipe.segment(means=MEANS, **weights)
 
 
 @pytest.mark.parametrize("dims", [("band", "y", "x"), ("x",)])

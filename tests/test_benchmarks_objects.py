@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import shapely
 
+from benchmarks.commands import stage_table
 from benchmarks.harness import Unsuitable
 from benchmarks.machine import Machine
 from benchmarks.object_chains import LARGEST_JAGS, Chains, jags, plain_loop, rows_of
@@ -17,7 +18,7 @@ from benchmarks.object_quality import blocks_of, score_partition
 from benchmarks.object_rivals import components, polygons_of
 from benchmarks.object_samplers import COUNTING, LOOP, Sampled, effective_draws, sampler_table
 from benchmarks.object_scenes import ObjectScene, prepare
-from benchmarks.object_tables import building_table, partition_table, speed_table, stage_table, verdict
+from benchmarks.object_tables import building_table, partition_table, speed_table, verdict
 from benchmarks.objects import run_objects
 from benchmarks.watch import Watched
 from tilepipe_kernels.car import CarModel, sample

@@ -134,7 +134,7 @@ def test_levels_are_linear_between_the_means(means, seed):
 def found(photograph, size):
     context = CountContext(photograph, nevatia_babu=True)
     facts = [count_greys(context, tile) for tile in TileGrid((40, 60), size).tiles(context.halo)]
-    scale = level_scale(added(facts, "grey"), edge_parameters({}), "photo.tif")
+    scale = level_scale(added(facts, "grey"), added(facts, "difference"), edge_parameters({"levels": 2}), "photo.tif")
     return scale, edge_threshold(added(facts, "edge"), None)
 
 
@@ -143,6 +143,9 @@ def test_the_scale_does_not_depend_on_the_tiling(write):
     scales = {found(photograph, size) for size in ((40, 60), (11, 9))}
     ((scale, threshold),) = scales
     assert 0 < threshold < 255 * 1000
+    # the luminance of uniform noise in three bands deviates by 49
+    gap = (scale.means[1] - scale.means[0]) * (scale.brightest - scale.darkest) / 255
+    assert scale.noise == pytest.approx(49 / gap, rel=0.1)
     assert 40 < scale.means[0] < 110 < 150 < scale.means[1] < 220
 
 
@@ -151,7 +154,7 @@ def test_images_without_so_many_values_are_refused(write):
     with pytest.raises(InputError, match="1 grey values, fewer than the 2 levels"):
         found(flat, (40, 60))
     with pytest.raises(InputError, match="nothing but nodata"):
-        level_scale(added([], "grey"), edge_parameters({}), "photo.tif")
+        level_scale(added([], "grey"), added([], "difference"), edge_parameters({"levels": 2}), "photo.tif")
 
 
 def test_an_image_without_edges_has_no_threshold():

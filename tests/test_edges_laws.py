@@ -128,12 +128,13 @@ def test_the_energy_is_that_of_the_published_fields(scene: Path, whole: Path) ->
     values = photograph.read(Window(0, 0, *levels.shape))
     low, high = said["grey_range"]
     means = tuple((value - low) / (high - low) * 255 for value in said["level_values"])
-    scale = LevelScale(low, high, means)
+    scale = LevelScale(low, high, means, said["noise_in_levels"])
+    assert scale.noise == 0.3
     observed = scale.levels(scale.grey(values))
     nodata = levels == 255
     assert np.array_equal(nodata, np.isnan(values)) and np.array_equal(lines == 255, nodata)
     h, v = (np.where(nodata, 0, lines >> bit & 1).astype(np.uint8) for bit in (0, 1))
-    expected = energy(observed, levels, h, v, parameters.model())
+    expected = energy(observed, levels, h, v, parameters.model(scale.noise))
     assert said["energy"] == pytest.approx(expected, rel=1e-9)
     assert said["energy_of_levels"] + said["energy_of_lines"] == pytest.approx(said["energy"])
 

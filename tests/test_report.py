@@ -14,6 +14,7 @@ import shapely
 from PIL import Image
 from rasterio.transform import from_origin
 
+from tilepipe import picture_frame
 from tilepipe import quicklook as pictures
 from tilepipe import report as page
 from tilepipe.errors import InputError
@@ -151,7 +152,7 @@ def test_junctions_by_node_and_by_coordinate(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("longest", "bar"), [(9.9, 5), (10, 10), (0.3, 0.2), (4999, 2000)])
 def test_scale_bars_are_round(longest: float, bar: float) -> None:
-    assert pictures.round_length(longest) == pytest.approx(bar)
+    assert picture_frame.round_length(longest) == pytest.approx(bar)
 
 
 def test_the_page_stands_alone_and_tells_all(tmp_path: Path) -> None:

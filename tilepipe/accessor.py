@@ -8,7 +8,7 @@ pixels are those of the kernels; nodata is NaN or the array's own nodata value.
 from __future__ import annotations
 
 import operator
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -18,12 +18,31 @@ from numpy.typing import DTypeLike, NDArray
 from tilepipe.errors import InputError
 from tilepipe.grid import Tile, TileGrid, Window
 from tilepipe.ledger import Facts
+from tilepipe.object_leaves import to_ticks
+from tilepipe.object_relief import TICKS_PER_METRE
 from tilepipe.regions import SUMMED, Regions, reconcile_regions
 from tilepipe.seams import edge_facts, raster_borders, touches_seam
 from tilepipe.sources import as_block, nodata_of
-from tilepipe_kernels import diffusion, growing, morphology, region_table, ridges, skeleton
+from tilepipe_kernels import (
+    diffusion,
+    grey_levels,
+    ground,
+    growing,
+    intensity_field,
+    line_field,
+    morphology,
+    nevatia_babu,
+    quadtree,
+    region_table,
+    ridges,
+    skeleton,
+)
+from tilepipe_kernels.edge_model import EdgeModel
 
 BlockFunction = Callable[[NDArray[Any], Tile], NDArray[Any]]
+
+_NO_LEVEL = 255
+"""Level and line elements at nodata."""
 
 _NODATA = ("_FillValue", "missing_value", "fill_value", "nodata", "nodatavals")
 _PACKING = ("dtype", "rasterio_dtype", "scale_factor", "add_offset")
@@ -150,6 +169,140 @@ class TilepipeAccessor:
 
         return self._map(function, morphology.halo(radius), np.bool_)
 
+    def quadtree(self, *, deviation: float, smallest: int = 1, largest: int = 32) -> xr.DataArray:
+        """Means of the squares of a quadtree on variance; see `tilepipe_kernels.quadtree.split`.
+
+        Parameters
+        ----------
+        deviation
+            A square is split while its values deviate by more than this (standard deviation).
+        smallest, largest
+            Sides of the smallest and the largest square in pixels, powers of two.
+
+        Returns
+        -------
+        xarray.DataArray of float32
+            Mean of the square that each pixel lies in, NaN at nodata.  Values count in whole thousandths; what is
+            farther than 30,000 from zero counts as nodata.
+        """
+
+        def function(block: NDArray[Any], tile: Tile) -> NDArray[Any]:
+            return _leaf_means(block, tile, deviation, smallest, largest)
+
+        # squares lie on the global grid, and a square that a chunk cuts is made of all its pixels
+        return self._map(function, max(int(largest) - 1, 0), np.float32)
+
+    def ground(self, *, resolution: float, largest_object: float = 80.0) -> xr.DataArray:
+        """Height of the bare earth, from heights in metres alone; see `tilepipe_kernels.ground.ground_height`.
+
+        Parameters
+        ----------
+        resolution
+            Side of a pixel in metres.
+        largest_object
+            What is narrower than this is taken off (m).
+
+        Returns
+        -------
+        xarray.DataArray of float32
+            Height of the ground (m), NaN at nodata; ``heights - ground`` is the height above ground.
+        """
+
+        def function(block: NDArray[Any], tile: Tile) -> NDArray[Any]:
+            height = ground.ground_height(
+                block, resolution=resolution, largest_object=largest_object, origin=tile.padded.origin
+            )
+            return height[tile.core_in_padded.slices]
+
+        return self._map(function, ground.halo(resolution, largest_object), np.float32)
+
+    def segment(
+        self, *, means: Sequence[float], method: intensity_field.Method = "parallel", rounds: int = 24, **weights: Any
+    ) -> xr.DataArray:
+        """Levels of grey values by a Bayesian model; see `tilepipe_kernels.intensity_field.intensity_field`.
+
+        Parameters
+        ----------
+        means
+            Grey value of each level, ascending, two at least.
+        method
+            ``parallel`` (HCF in rounds), ``messages``, ``icm`` or ``annealing``.
+        rounds
+            Most rounds; twice as many pixels around a chunk are read.
+        weights
+            Of the energy: ``potential``, ``beta``, ``sigma``; see `tilepipe_kernels.edge_model.EdgeModel`.
+
+        Returns
+        -------
+        xarray.DataArray of uint8
+            Level 0, 1, …; 255 = nodata.
+        """
+        greys, model = np.array(means, np.float64), _edge_model(len(means), weights)
+
+        def function(block: NDArray[Any], tile: Tile) -> NDArray[Any]:
+            observed = grey_levels.to_levels(np.ascontiguousarray(block, np.float32), greys)
+            found = intensity_field.intensity_field(
+                observed, model, method=method, rounds=rounds, origin=tile.padded.origin
+            )
+            return found.labels[tile.core_in_padded.slices]
+
+        return self._map(function, intensity_field.halo(rounds, method=method), np.uint8)
+
+    def line_field(
+        self, *, levels: int, method: line_field.Method = "parallel", rounds: int = line_field.ROUNDS, **weights: Any
+    ) -> xr.DataArray:
+        """Line elements between the pixels of an array of levels; see `tilepipe_kernels.line_field.line_field`.
+
+        Parameters
+        ----------
+        levels
+            Number of levels.
+        method
+            ``parallel`` (HCF in rounds), ``icm`` or ``annealing``.
+        rounds
+            Most rounds; they set how far around a chunk is read.
+        weights
+            Of the energy: ``alpha``, ``gamma``, ``xi``, ``zeta``; see `tilepipe_kernels.edge_model.EdgeModel`.
+
+        Returns
+        -------
+        xarray.DataArray of uint8
+            1 = edge below the pixel, 2 = edge to its right, 3 = both, 255 = nodata.
+        """
+        model = _edge_model(levels, weights)
+
+        def function(block: NDArray[Any], tile: Tile) -> NDArray[Any]:
+            labels = np.where(np.isnan(block), _NO_LEVEL, block).astype(np.uint8)
+            found = line_field.line_field(labels, model, method=method, rounds=rounds, origin=tile.padded.origin)
+            lines = found.horizontal | found.vertical << 1
+            lines[labels == _NO_LEVEL] = _NO_LEVEL
+            return lines[tile.core_in_padded.slices]
+
+        # one more, for the elements to the pixels of the neighbours
+        return self._map(function, line_field.halo(model, rounds, method=method) + 1, np.uint8)
+
+    def nevatia_babu(self, *, threshold: float = 0.0) -> xr.DataArray:
+        """Thinned edge elements by six masks; see `tilepipe_kernels.nevatia_babu.thin_edges`.
+
+        Parameters
+        ----------
+        threshold
+            Least step across an edge, in the unit of the array.
+
+        Returns
+        -------
+        xarray.DataArray of float32
+            Step across the edge at edge elements, 0 elsewhere.
+        """
+
+        def function(block: NDArray[Any], tile: Tile) -> NDArray[Any]:
+            magnitude, direction = nevatia_babu.edge_responses(block)
+            elements = nevatia_babu.thin_edges(magnitude, direction, threshold * nevatia_babu.STEP_RESPONSE)
+            step = np.where(elements != nevatia_babu.NO_DIRECTION, magnitude / nevatia_babu.STEP_RESPONSE, 0)
+            return step.astype(np.float32)[tile.core_in_padded.slices]
+
+        return self._map(function, nevatia_babu.halo(), np.float32)
+
     def _map(self, function: BlockFunction, halo: int, dtype: DTypeLike) -> xr.DataArray:
         """Apply a local function to every chunk and its halo."""
         data, nodata = self._array.data, nodata_of(self._array)
@@ -186,6 +339,43 @@ class TilepipeAccessor:
         if marked and result.dtype.kind == "f":
             result.attrs["_FillValue"] = np.nan
         return result
+
+
+def _edge_model(levels: int, weights: dict[str, Any]) -> EdgeModel:
+    """The energy of the operators of edges.
+
+    Raises
+    ------
+    InputError
+        A weight is unknown or out of its range.
+    """
+    try:
+        return EdgeModel(levels=levels, **weights)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"model of the edges: {str(error).removeprefix('EdgeModel.__init__() ')}") from None
+
+
+def _leaf_means(block: NDArray[Any], tile: Tile, deviation: float, smallest: int, largest: int) -> NDArray[np.float32]:
+    """Means of the squares that the core of a block lies in."""
+    core, padded = tile.core, tile.padded
+    squares = Window(
+        core.top // largest * largest,
+        core.left // largest * largest,
+        min(-(-core.bottom // largest) * largest, padded.bottom),
+        min(-(-core.right // largest) * largest, padded.right),
+    )
+    values = np.ascontiguousarray(block[squares.relative_to(padded).slices], np.float32)
+    ticks, _ = to_ticks(values, 1.0, largest)
+    labels, leaves = quadtree.split(
+        ticks,
+        threshold=(deviation * TICKS_PER_METRE) ** 2,
+        smallest=smallest,
+        largest=largest,
+        origin=squares.origin,
+    )
+    means = np.concatenate([[np.nan], leaves.total / (leaves.count * TICKS_PER_METRE)]).astype(np.float32)
+    taken: NDArray[np.float32] = means[labels[core.relative_to(squares).slices]]
+    return taken
 
 
 def _blanked(block: NDArray[Any], nodata: float | None) -> NDArray[Any]:

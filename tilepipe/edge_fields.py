@@ -79,7 +79,7 @@ def _fields(
     context: FieldContext, observed: NDArray[np.float32], core: Window, origin: tuple[int, int]
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.uint8], int]:
     """Levels, horizontal and vertical elements of a block, and how many sites of its core still want to change."""
-    p, model, part = context.parameters, context.parameters.model(), core.slices
+    p, model, part = context.parameters, context.parameters.model(context.scale.noise), core.slices
     annealing = Annealing(sweeps=p.sweeps, seed=context.seed)
     if p.scheme == "integrated":
         start = None

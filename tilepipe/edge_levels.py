@@ -11,10 +11,14 @@ from numpy.typing import NDArray
 from tilepipe.edge_parameters import EdgeParameters
 from tilepipe.errors import InputError
 from tilepipe.grid import Tile
+from tilepipe.image_noise import count_differences, noise
 from tilepipe.ledger import Facts
 from tilepipe.photograph import Photograph
 from tilepipe_kernels import levels, nevatia_babu
 from tilepipe_kernels.grey_levels import LARGEST_GREY, stretch, to_levels
+
+LEAST_NOISE = 0.3
+"""Noise in levels of an image that shows none: what its surfaces differ by (Barbosa 1994 takes it for all)."""
 
 
 @dataclass(frozen=True)
@@ -22,12 +26,13 @@ class LevelScale:
     """How grey values of a photograph become levels.
 
     ``darkest`` and ``brightest`` are the values that become 0 and 255; ``means`` are the grey values of the levels on
-    that scale, ascending.
+    that scale, ascending; ``noise`` is the standard deviation of the noise in levels.
     """
 
     darkest: float
     brightest: float
     means: tuple[float, ...]
+    noise: float
 
     def grey(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
         """Values on the scale of 0–255."""
@@ -48,13 +53,13 @@ class CountContext:
     @property
     def halo(self) -> int:
         """Pixels around a core that the responses of edges depend on."""
-        return nevatia_babu.halo() if self.nevatia_babu else 0
+        return nevatia_babu.halo() if self.nevatia_babu else 1
 
 
 def count_greys(context: CountContext, tile: Tile) -> Facts:
-    """Tile function (halo of the context): histograms of the valid grey values and of the responses of edges."""
+    """Tile function (halo of the context): histograms of grey values, of their differences, and of edge responses."""
     values, core = context.photograph.read(tile.padded), tile.core_in_padded.slices
-    counted = {"grey": levels.histogram(values[core])}
+    counted = {"grey": levels.histogram(values[core]), "difference": count_differences(values, tile)}
     if context.nevatia_babu:
         magnitude, direction = nevatia_babu.edge_responses(values)
         elements = nevatia_babu.thin_edges(magnitude, direction)
@@ -67,7 +72,7 @@ def count_greys(context: CountContext, tile: Tile) -> Facts:
 
 
 def added(facts: Iterable[Facts], name: str) -> NDArray[np.int64]:
-    """Sum of a histogram, ``grey`` or ``edge``, over all tiles."""
+    """Sum of a histogram, ``grey``, ``difference`` or ``edge``, over all tiles."""
     counts = np.zeros(levels.BINS, np.int64)
     for tile in facts:
         counts[tile[f"{name}:bins"]] += tile[f"{name}:counts"]
@@ -79,8 +84,10 @@ def edge_threshold(counts: NDArray[np.int64], share: float | None) -> float:
     return nevatia_babu.threshold_from_histogram(counts, share) if counts.any() else np.inf
 
 
-def level_scale(counts: NDArray[np.int64], parameters: EdgeParameters, name: str) -> LevelScale:
-    """Levels of least variance within them (`levels.class_means`), from the histogram of the whole image.
+def level_scale(
+    counts: NDArray[np.int64], differences: NDArray[np.int64], parameters: EdgeParameters, name: str
+) -> LevelScale:
+    """Levels of least variance within them (`levels.class_means`), from the histograms of the whole image.
 
     Raises
     ------
@@ -105,4 +112,6 @@ def level_scale(counts: NDArray[np.int64], parameters: EdgeParameters, name: str
         means = levels.class_means(of_grey, parameters.levels)
     except ValueError as error:
         raise InputError(f"{name}: {error}; use --set levels=n") from None
-    return LevelScale(darkest, brightest, tuple(float(mean) for mean in means))
+    gap = (means[-1] - means[0]) / (means.size - 1) * (brightest - darkest) / LARGEST_GREY
+    deviation = parameters.noise if parameters.noise is not None else max(LEAST_NOISE, noise(differences) / gap)
+    return LevelScale(darkest, brightest, tuple(float(mean) for mean in means), float(deviation))

@@ -31,7 +31,9 @@ class EdgeParameters(BaseModel):
     # model
     potential: Potential = Field("reciprocal", description="f(d): reciprocal, -1/(1 + |d|), or quadratic, d²")
     scheme: Scheme = Field("sequential", description="levels first and lines then (sequential), or both (integrated)")
-    noise: float = Field(0.3, gt=0, le=100, description="noise of the image in grey levels (σ)")
+    noise: float | None = Field(
+        None, gt=0, le=100, description="noise in grey levels (σ); none = the image's own, at least 0.3"
+    )
     smoothness: float = Field(1.0, ge=0, le=100, description="weight of equal neighbours (β)")
     step_weight: float = Field(0.5, ge=0, le=100, description="weight of steps that no line element marks (α)")
     continuity: float = Field(0.2, ge=0, le=100, description="weight of lines that end (γ)")
@@ -75,8 +77,8 @@ class EdgeParameters(BaseModel):
             raise ValueError("minimum_street_width must not exceed maximum_street_width")
         return self
 
-    def model(self) -> EdgeModel:
-        """The energy, in the letters of its equations."""
+    def model(self, noise: float = 1.0) -> EdgeModel:
+        """The energy of an image of so much noise, in the letters of its equations."""
         return EdgeModel(
             levels=self.levels,
             potential=self.potential,
@@ -85,7 +87,7 @@ class EdgeParameters(BaseModel):
             xi=self.corners,
             zeta=self.parallels,
             beta=self.smoothness,
-            sigma=self.noise,
+            sigma=noise,
         )
 
     @property

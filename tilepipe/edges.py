@@ -122,7 +122,9 @@ class _Job(Job):
     def layers(self, run: Run) -> list[Path]:
         photograph = self.grey(run)
         counts = run.run_pass(self.levels_pass(photograph))
-        scale = level_scale(added(counts.each(), "grey"), self.parameters, self.raster.names[0])
+        scale = level_scale(
+            added(counts.each(), "grey"), added(counts.each(), "difference"), self.parameters, self.raster.names[0]
+        )
         finding = self.fields_pass(run.state, photograph, scale, self.threshold(counts))
         fields = run.run_pass(finding)
         with run.beside(self.write_rasters, run, finding.context) as rasters:
@@ -188,7 +190,7 @@ class _Job(Job):
 
     def write_summary(self, run: Run, photograph: Photograph, scale: LevelScale, fields: Ledger) -> Path:
         """Write what the whole image says of itself; warn when the cap on rounds has left much."""
-        found, model = count_fields(fields.each()), self.parameters.model()
+        found, model = count_fields(fields.each()), self.parameters.model(scale.noise)
         sites = 3 * self.raster.shape[0] * self.raster.shape[1]
         if found.unresolved > _MOST_UNRESOLVED * sites:
             warnings.warn(
@@ -201,6 +203,7 @@ class _Job(Job):
             "band_weights": photograph.weights,
             "grey_range": [scale.darkest, scale.brightest],
             "level_values": [scale.darkest + mean / 255 * (scale.brightest - scale.darkest) for mean in scale.means],
+            "noise_in_levels": scale.noise,
             "energy": found.terms.total(model),
             "energy_of_levels": found.terms.intensity(model),
             "energy_of_lines": found.terms.lines(model),
@@ -214,7 +217,7 @@ class _Job(Job):
     def plan(self) -> Plan:
         """What a run will do and need."""
         nowhere = Path(STATE)
-        scale = LevelScale(0.0, 1.0, (0.0, 255.0))
+        scale = LevelScale(0.0, 1.0, (0.0, 255.0), 1.0)
         passes = [self.levels_pass(self.photograph), self.fields_pass(nowhere, self.photograph, scale, 0.0)]
         if self.photograph.weights is None:
             passes.insert(0, Pass("bands", sample_bands, self.photograph, self.grid, halo=0, bytes_per_pixel=16))

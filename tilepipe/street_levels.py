@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
@@ -11,18 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tilepipe.errors import InputError
-from tilepipe.grid import Tile, Window
+from tilepipe.grid import Tile
+from tilepipe.image_noise import count_differences, noise
 from tilepipe.ledger import Facts
 from tilepipe.raster import Raster
 from tilepipe.street_parameters import StreetParameters
 from tilepipe_kernels import levels
 from tilepipe_kernels.grey_levels import LARGEST_GREY, stretch
-
-_NOISE_ROWS = 4
-"""The noise is measured on every so-maniest global row."""
-
-_MEDIAN_DIFFERENCE = 0.6745 * math.sqrt(2)
-"""Median absolute difference of two values with normal noise of standard deviation 1."""
 
 
 @dataclass(frozen=True)
@@ -49,12 +43,12 @@ class GreyScale:
 def count_values(raster: Raster, tile: Tile) -> Facts:
     """Tile function (halo 1): histograms of the valid values and of their differences to the right neighbour."""
     values = raster.read(tile.padded)
-    core = tile.core_in_padded
-    beside = Window(core.top, core.left, core.bottom, min(core.right + 1, values.shape[1]))
-    rows = values[beside.slices][-tile.core.top % _NOISE_ROWS :: _NOISE_ROWS]
+    counted = {
+        "value": levels.histogram(values[tile.core_in_padded.slices]),
+        "difference": count_differences(values, tile),
+    }
     facts: Facts = {}
-    for name, counted in (("value", values[core.slices]), ("difference", np.abs(np.diff(rows, axis=1)))):
-        counts = levels.histogram(counted)
+    for name, counts in counted.items():
         bins = np.flatnonzero(counts)
         facts |= {f"{name}:bins": bins.astype(np.int32), f"{name}:counts": counts[bins]}
     return facts
@@ -91,15 +85,9 @@ def grey_scale(facts: Iterable[Facts], parameters: StreetParameters, name: str) 
     plain = GreyScale(darkest, brightest, 0.0, 0.0, 0.0, 0.0)
     grey = np.rint(plain.apply(levels.bin_values(filled)[None])[0]).astype(np.int64)
     split, dark, bright = levels.otsu_classes(_counted(grey, counts[filled]))
+    deviation = noise(sums["difference"]) * LARGEST_GREY / (brightest - darkest)
     threshold = split + 0.5 if parameters.darkness is None else parameters.darkness
-    return GreyScale(darkest, brightest, threshold, dark, bright, _noise(sums["difference"], darkest, brightest))
-
-
-def _noise(counts: NDArray[np.int64], darkest: float, brightest: float) -> float:
-    """Standard deviation of the grey levels' noise from the median difference of neighbours: edges do not move it."""
-    if not counts.any():
-        return 0.0
-    return levels.percentile(counts, 50.0) * LARGEST_GREY / (brightest - darkest) / _MEDIAN_DIFFERENCE
+    return GreyScale(darkest, brightest, threshold, dark, bright, deviation)
 
 
 def _counted(grey: NDArray[np.int64], counts: NDArray[Any]) -> NDArray[np.int64]:
