@@ -1,4 +1,4 @@
-"""The command line of the benchmarks: ``python -m benchmarks kernels``, ``... streets``, ``... objects``."""
+"""The command line of the benchmarks: ``python -m benchmarks kernels``, or ``streets``, ``objects``, ``edges``."""
 
 from __future__ import annotations
 
@@ -26,7 +26,11 @@ def main() -> None:
     objects.add_argument("--nodes", type=int, nargs="+", help="sizes of the samplers' graphs")
     objects.add_argument("--only", choices=("pipeline", "samplers", "kernels"), help="one part; no page")
     objects.add_argument("--data", type=Path, help="folder of the real surveys")
-    for command in (kernels, streets, objects):
+    edges = commands.add_parser("edges", help="the edges pipeline from end to end, its optimisers and lines")
+    edges.add_argument("--scenes", nargs="+", choices=("city", "photograph"), help="some; all by default")
+    edges.add_argument("--only", choices=("optimisers", "lines", "pipeline"), help="one part; no page")
+    edges.add_argument("--data", type=Path, help="folder of the photograph and of the Potts energy")
+    for command in (kernels, streets, objects, edges):
         command.add_argument("--size", type=int, nargs="+", help="side of the scene in pixels; several for pipelines")
         command.add_argument("--quick", action="store_true", help="a small scene, few rounds, no page: under a minute")
         command.add_argument("--rounds", type=int, help="repetitions after the warm-up")
@@ -67,6 +71,8 @@ def main() -> None:
             **{name: value for name, value in chosen.items() if value is not None},
             **page,
         )
+    elif arguments.command == "edges":
+        _run_edges(arguments, page)
     else:
         from benchmarks.streets import QUICK_SIZE, SIZE, run_streets
 
@@ -78,6 +84,33 @@ def main() -> None:
             scratch=arguments.scratch,
             **page,
         )
+
+
+def _run_edges(arguments: argparse.Namespace, page: dict[str, Any]) -> None:
+    from benchmarks import edges as benchmark
+
+    chosen = {"scenes": arguments.scenes, "data": arguments.data}
+    sizes = {"sizes": arguments.size}
+    if arguments.size:
+        # one size for all parts, as far as they have so many pixels
+        largest = max(arguments.size)
+        sizes |= {"image_size": largest, "accuracy_size": min(largest, benchmark.ACCURACY_SIZE)}
+    elif arguments.quick:
+        sizes = {
+            "sizes": [benchmark.QUICK_SIZE],
+            "image_size": benchmark.QUICK_IMAGE_SIZE,
+            "accuracy_size": benchmark.QUICK_ACCURACY_SIZE,
+        }
+    if arguments.quick:
+        chosen |= {"sweeps": benchmark.QUICK_SWEEPS, "scenes": arguments.scenes or ["city"]}
+    benchmark.run_edges(
+        parts=[arguments.only] if arguments.only else benchmark.PARTS,
+        repetitions=arguments.rounds or (1 if arguments.quick else 3),
+        peers=not arguments.no_peers,
+        scratch=arguments.scratch,
+        **{name: value for name, value in (chosen | sizes).items() if value is not None},
+        **page,
+    )
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ BUSY = 1.5
 
 PEERS = (
     "opencv-contrib-python-headless", "connected-components-3d", "scikit-image", "scipy", "skan", "medpy",
-    "ridge-detector", "dask", "zarr", "higra", "rasterio", "shapely",
+    "ridge-detector", "dask", "zarr", "higra", "rasterio", "shapely", "PyMaxflow", "gco-wrapper",
 )  # fmt: skip
 
 

@@ -30,24 +30,25 @@ def main(raster: str, out: str) -> None:
 
     folder, seconds = Path(out), dict[str, float]()
     folder.mkdir(parents=True, exist_ok=True)
-    with _timed(seconds, "read"), rasterio.open(raster) as file:
+    with timed(seconds, "read"), rasterio.open(raster) as file:
         height, valid = file.read(1).astype(np.float32), file.read_masks(1) > 0
         profile = {"crs": file.crs, "transform": file.transform}
-    with _timed(seconds, "median"):
+    with timed(seconds, "median"):
         height = smoothed(height, valid)
-    with _timed(seconds, "components"):
+    with timed(seconds, "components"):
         labels = components(height, valid, profile["transform"].a)
-    with _timed(seconds, "raster"):
+    with timed(seconds, "raster"):
         _write_labels(folder / "regions.tif", labels, profile)
-    with _timed(seconds, "polygons"):
+    with timed(seconds, "polygons"):
         ids, polygons = polygons_of(labels, profile["transform"])
-    with _timed(seconds, "table"):
+    with timed(seconds, "table"):
         _write_table(folder / "objects.parquet", ids, polygons, labels, height, profile["crs"])
     (folder / "timings.json").write_text(json.dumps(seconds))
 
 
 @contextmanager
-def _timed(seconds: dict[str, float], step: str) -> Iterator[None]:
+def timed(seconds: dict[str, float], step: str) -> Iterator[None]:
+    """Note the seconds of a step."""
     start = time.perf_counter()
     yield
     seconds[step] = time.perf_counter() - start

@@ -10,12 +10,17 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from tilepipe.edge_parameters import EdgeParameters
 from tilepipe.object_parameters import ObjectParameters
 from tilepipe.street_parameters import StreetParameters
 
 README = Path(__file__).resolve().parents[1] / "README.md"
 START, END = "<!-- parameters of {}: written by scripts/readme-parameters -->", "<!-- end of parameters -->"
-MODELS: dict[str, type[BaseModel]] = {"streets": StreetParameters, "objects": ObjectParameters}
+MODELS: dict[str, type[BaseModel]] = {
+    "streets": StreetParameters,
+    "objects": ObjectParameters,
+    "edges": EdgeParameters,
+}
 
 # Units that the descriptions do not give in parentheses.
 UNITS = {

@@ -11,6 +11,8 @@ import typer
 
 from tests.readme import README, code_blocks, commands, parameter_table, with_tables
 from tilepipe import cli, cli_pipelines
+from tilepipe.edge_parameters import edge_parameters
+from tilepipe.edge_tables import EDGE_COLUMNS, NEVATIA_BABU_COLUMNS
 from tilepipe.object_building_table import BUILDING_COLUMNS
 from tilepipe.object_parameters import object_parameters
 from tilepipe.object_regions import BOUNDARY_COLUMNS, OBJECT_COLUMNS
@@ -40,7 +42,7 @@ def test_commands_parse(words: list[str]) -> None:
     command = group.get_command(typer.Context(group), name)  # type: ignore[attr-defined]
     assert command is not None, f"tilepipe has no command {name}"
     context = command.make_context(name, arguments)
-    checked = object_parameters if name == "objects" else street_parameters
+    checked = {"objects": object_parameters, "edges": edge_parameters}.get(name, street_parameters)
     checked(cli_pipelines.assignments(context.params.get("set_") or []))
 
 
@@ -50,7 +52,10 @@ def test_every_command_is_shown() -> None:
 
 
 def test_columns_are_those_of_the_tables() -> None:
-    assert re.findall(r"^\| `(\w+)` \|", TEXT.partition("## Set up")[0], re.MULTILINE) == list(COLUMNS)
+    streets, _, rest = TEXT.partition("## Objects from heights")
+    edges = rest.partition("## Edges from photographs")[2].partition("## Set up")[0]
+    for part, columns in ((streets, COLUMNS), (edges, EDGE_COLUMNS)):
+        assert re.findall(r"^\| `(\w+)` \|", part, re.MULTILINE) == list(columns)
 
 
 def test_exit_codes_are_those_of_the_command_line() -> None:
@@ -76,6 +81,6 @@ def test_examples_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert (tmp_path / tomllib.loads(record)["out"] / "centerlines.parquet").is_file()
 
 
-def test_columns_of_objects_are_named() -> None:
-    for name in (*OBJECT_COLUMNS, *BOUNDARY_COLUMNS, *BUILDING_COLUMNS):
+def test_other_columns_are_named() -> None:
+    for name in (*OBJECT_COLUMNS, *BOUNDARY_COLUMNS, *BUILDING_COLUMNS, *NEVATIA_BABU_COLUMNS):
         assert f"`{name}`" in TEXT

@@ -79,6 +79,12 @@ class Lines(Chains):
     step: Int64
 
 
+def taken(offsets: Int64, vertices: NDArray[Any], kept: NDArray[np.bool_]) -> tuple[Int64, NDArray[Any]]:
+    """Those of the chains that are kept: their offsets and vertices."""
+    sizes = np.diff(offsets)
+    return np.concatenate([[0], np.cumsum(sizes[kept])]), vertices[np.repeat(kept, sizes)]
+
+
 def join_arcs(pieces: Iterable[ArcPieces]) -> Arcs:
     """Join the pieces of the arcs of all tiles of a raster.
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tilepipe.arc_network import Chains, taken
 from tilepipe.edge_levels import LevelScale
 from tilepipe.edge_parameters import EdgeParameters
 from tilepipe.grid import Tile, Window
@@ -62,7 +63,9 @@ def find_fields(context: FieldContext, tile: Tile) -> Facts:
     observed = context.scale.levels(grey)
     core, origin = tile.core_in_padded, tile.padded.origin
     levels, h, v, unresolved = _fields(context, observed, core, origin)
-    facts = _pieces(grey, h, v, core, origin)
+    # a line is never longer than its cracks
+    least = p.minimum_length / context.photograph.raster.geometry.resolution
+    facts = _pieces(grey, h, v, core, origin, least)
     facts |= _energy(energy_terms(observed, levels, h, v, p.levels, core=core.slices), unresolved)
     if p.nevatia_babu:
         elements = nevatia_babu_links.find_elements(
@@ -108,10 +111,19 @@ def _fields(
 
 
 def _pieces(
-    grey: NDArray[np.float32], h: NDArray[np.uint8], v: NDArray[np.uint8], core: Window, origin: tuple[int, int]
+    grey: NDArray[np.float32],
+    h: NDArray[np.uint8],
+    v: NDArray[np.uint8],
+    core: Window,
+    origin: tuple[int, int],
+    least: float,
 ) -> Facts:
+    """Pieces of lines in pixels; of those that do not go on in another tile only the ones that are long enough."""
     pieces = crack_lines.trace_lines(h, v, grey, core.as_tuple(), origin)
-    return {name: getattr(pieces, name) for name in PIECE_COLUMNS}
+    kept = pieces.cut.any(axis=1) | (Chains(pieces.offsets, pieces.vertices).lengths() >= least)
+    offsets, vertices = taken(pieces.offsets, pieces.vertices, kept)
+    others = {name: getattr(pieces, name)[kept] for name in ("cut", "contrast", "step")}
+    return {"offsets": offsets, "vertices": vertices} | others
 
 
 def _energy(terms: EnergyTerms, unresolved: int) -> Facts:

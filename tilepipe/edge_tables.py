@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe.arc_network import Chains, join_lines
+from tilepipe.arc_network import Chains, Lines, join_lines, taken
 from tilepipe.edge_fields import ELEMENT_COLUMNS, PIECE_COLUMNS
 from tilepipe.edge_lines import find_streets, smoothed
 from tilepipe.edge_parameters import EdgeParameters
@@ -80,14 +80,6 @@ def shape_columns(shape: Shape, geometry: Geometry) -> dict[str, NDArray[Any]]:
     }
 
 
-def taken(
-    offsets: NDArray[np.int64], vertices: NDArray[Any], kept: NDArray[np.bool_]
-) -> tuple[NDArray[np.int64], NDArray[Any]]:
-    """Those of the lines that are kept."""
-    sizes = np.diff(offsets)
-    return np.concatenate([[0], np.cumsum(sizes[kept])]), vertices[np.repeat(kept, sizes)]
-
-
 def on_the_map(vertices: NDArray[np.float64], geometry: Geometry) -> NDArray[np.float64]:
     """Map coordinates x, y of rows and columns counted from the upper left corner of the first pixel."""
     row, column = vertices.T
@@ -118,7 +110,9 @@ def write_edges(path: Path, ledger: Ledger, geometry: Geometry, parameters: Edge
     """
     lines = join_lines(LinePieces(**{name: facts[name] for name in PIECE_COLUMNS}) for facts in ledger.each())
     cracks = lines.lengths()
-    contrast, step = lines.contrast / cracks / TICKS, lines.step / cracks / TICKS
+    kept = cracks * geometry.resolution >= parameters.minimum_length  # smoothing makes lines shorter, never longer
+    lines = Lines(*taken(lines.offsets, lines.vertices, kept), lines.contrast[kept], lines.step[kept])
+    contrast, step = (sums / cracks[kept] / TICKS for sums in (lines.contrast, lines.step))
     chains = smoothed(lines, parameters.simplification)
     del lines
     shape = line_shape(chains.offsets, chains.vertices)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -181,11 +182,15 @@ class _Job(Job):
         writers: dict[str, Callable[..., int]] = {"edges": partial(write_edges, workers=workers)}
         if self.parameters.nevatia_babu:
             writers["nevatia_babu"] = write_nevatia_babu
-        paths = []
-        for name, write in writers.items():
+
+        def write(name: str) -> Path:
             with run.timed(f"reconcile {name}"):
-                paths.append(run.state / f"{name}.parquet")
-                write(paths[-1], fields, geometry, self.parameters)
+                path = run.state / f"{name}.parquet"
+                writers[name](path, fields, geometry, self.parameters)
+                return path
+
+        with ThreadPoolExecutor(min(len(writers), workers)) as pool:
+            paths = list(pool.map(write, writers))
         return self.convert(run, paths)
 
     def write_summary(self, run: Run, photograph: Photograph, scale: LevelScale, fields: Ledger) -> Path:
