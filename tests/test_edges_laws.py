@@ -20,7 +20,7 @@ from tilepipe_kernels.edge_model import energy
 LAYERS = ("segments.tif", "lines.tif", "edges.parquet", "nevatia_babu.parquet", "edges.json")
 pytestmark = pytest.mark.filterwarnings("ignore:.*still wanted to change")
 
-FEW = {"rounds": 6, "minimum_length": 2.0, "minimum_edge_length": 2.0}
+FEW = {"rounds": 6, "minimum_street_length": 10.0, "minimum_length": 2.0, "minimum_edge_length": 2.0}
 
 
 def streets(side: int = 180) -> NDArray[np.uint8]:
@@ -148,7 +148,7 @@ def test_lines_run_where_levels_differ_and_within_half_a_pixel(whole: Path) -> N
     field = np.where(field == 255, 0, field)
     cracks = [shapely.LineString([corner * (j, i + 1), corner * (j + 1, i + 1)]) for i, j in np.argwhere(field & 1)]
     cracks += [shapely.LineString([corner * (j + 1, i), corner * (j + 1, i + 1)]) for i, j in np.argwhere(field & 2)]
-    drawn = shapely.unary_union(cracks).buffer(0.5 + 0.5 + 1e-6)
+    drawn = shapely.unary_union(cracks).buffer(0.56)
     assert table.is_valid.all() and table.geometry.within(drawn).all()
     assert (table.length_m >= 2).all() and np.allclose(table.length_m, table.length)
     assert table.sinuosity.dropna().ge(1).all() and table.straightness.between(0, 1 + 1e-12).all()

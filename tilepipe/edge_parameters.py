@@ -36,8 +36,8 @@ class EdgeParameters(BaseModel):
     )
     smoothness: float = Field(1.0, ge=0, le=100, description="weight of equal neighbours (β)")
     step_weight: float = Field(0.5, ge=0, le=100, description="weight of steps that no line element marks (α)")
-    continuity: float = Field(0.2, ge=0, le=100, description="weight of lines that end (γ)")
-    corners: float = Field(0.2, ge=0, le=100, description="weight of corners (ξ)")
+    continuity: float = Field(0.1, ge=0, le=100, description="weight of lines that end (γ)")
+    corners: float = Field(0.1, ge=0, le=100, description="weight of corners (ξ)")
     parallels: float = Field(0.5, ge=0, le=100, description="weight of parallel lines side by side (ζ)")
 
     # optimisation
@@ -50,10 +50,13 @@ class EdgeParameters(BaseModel):
     sweeps: int = Field(100, ge=1, le=10_000, description="sweeps of annealing; set the halo of the tiles")
 
     # edge lines
-    simplification: float = Field(0.5, ge=0, le=0.5, description="tolerance of the lines' vertices in pixels")
+    simplification: float = Field(
+        0.15, ge=0, le=0.5, description="tolerance of the lines' vertices in pixels; lines stay within 0.35 more"
+    )
     minimum_length: float = Field(5.0, ge=0, le=1e06, description="shortest edge line (m)")
     minimum_street_width: float = Field(4.0, gt=0, le=1000, description="narrowest street between two edges (m)")
     maximum_street_width: float = Field(25.0, gt=0, le=1000, description="widest street between two edges (m)")
+    minimum_street_length: float = Field(15.0, ge=0, le=1e06, description="shortest border of a street (m)")
     maximum_street_angle: float = Field(
         10.0, gt=0, le=45, description="largest angle of the two borders of a street (degrees)"
     )

@@ -21,7 +21,7 @@ from tilepipe.layers import write_cog
 from tilepipe.ledger import Ledger
 from tilepipe.options import RunOptions
 from tilepipe.passes import Pass, Progress, StateArray
-from tilepipe.photograph import Photograph, open_photograph, sample_bands
+from tilepipe.photograph import PRINCIPAL_COMPONENT, Photograph, open_photograph, sample_bands
 from tilepipe.planning import Plan, plan_passes
 from tilepipe.run import STATE, Record, Run
 
@@ -98,7 +98,10 @@ def plan_edges(
 def pass_sizes(record: Record) -> dict[str, int]:
     """Number of tiles of each pass of an unfinished run, from its record."""
     grid = TileGrid(tuple(record["raster"]["shape"]), tuple(record["raster"]["tile"]))
-    return dict.fromkeys(("levels", "fields"), len(grid))
+    names = ["levels", "fields"]
+    if record["raster"].get("grey") == PRINCIPAL_COMPONENT:
+        names.insert(0, "bands")
+    return dict.fromkeys(names, len(grid))
 
 
 def _prepare(rasters: Any, params: Any, crs: str | None, band: int | None, options: RunOptions | None) -> _Job:
@@ -218,6 +221,12 @@ class _Job(Job):
         path = run.state / SUMMARY
         path.write_text(json.dumps(values, indent=1) + "\n")
         return path
+
+    def record(self, out: str | Path) -> Record:
+        """Everything as resolved, for ``run.toml``."""
+        record = super().record(out)
+        record["raster"]["grey"] = self.photograph.conversion
+        return record
 
     def plan(self) -> Plan:
         """What a run will do and need."""

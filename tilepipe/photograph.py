@@ -19,6 +19,8 @@ from tilepipe.raster import Raster, open_raster
 LUMINANCE = (0.299, 0.587, 0.114)
 """Weights of red, green and blue (ITU-R BT.601)."""
 
+PRINCIPAL_COMPONENT = "first principal component"
+
 Grey = Literal["automatic", "luminance", "principal"]
 
 _MOST_SAMPLES = 1 << 18
@@ -143,7 +145,7 @@ def open_photograph(inputs: Sequence[Any], *, crs: str | None, band: int | None,
         )
     if grey != "principal" and colours is not None:
         return Photograph(_opened(inputs, crs, colours), LUMINANCE, "luminance")
-    return Photograph(_opened(inputs, crs, bands), None, "first principal component")
+    return Photograph(_opened(inputs, crs, bands), None, PRINCIPAL_COMPONENT)
 
 
 def _opened(inputs: Sequence[Any], crs: str | None, bands: Sequence[int]) -> tuple[Raster, ...]:
