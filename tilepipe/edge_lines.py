@@ -27,7 +27,7 @@ _PASSES = 16
 _FARTHEST = 0.25
 """Farthest that smoothing moves a middle, in pixels: two chains around one pixel then keep apart."""
 
-_STEPS = 8
+_STEPS = 16
 """Steps of a pixel to which the points are rounded, so that crossings are decided exactly."""
 
 _BESIDE = 0.5
