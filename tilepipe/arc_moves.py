@@ -63,9 +63,9 @@ def _sweeps(
     margin = reach + max(abs(r2 - r1), abs(c2 - c1)) / UNITS
     rows = (len(cells) - 1) // columns
     y0, x0, y1, x1 = r0 / UNITS, c0 / UNITS, r1 / UNITS, c1 / UNITS
-    first, last = cell_rows(y0, y1, margin)
+    first, last = cell_rows(y0, y1, margin, CELL)
     for cell_row in range(first, min(last, rows)):
-        begin, end = cell_columns(cell_row, y0, x0, y1, x1, margin)
+        begin, end = cell_columns(cell_row, y0, x0, y1, x1, margin, CELL)
         if begin >= columns:
             continue
         for k in range(cells[cell_row * columns + begin], cells[cell_row * columns + min(end, columns)]):

@@ -173,9 +173,9 @@ def _list_edges(
             for k in range(offsets[arc], offsets[arc + 1] - 1):
                 a, b = of_vertex[k], of_vertex[k + 1]
                 r0, c0, r1, c1 = row[a] / UNITS, column[a] / UNITS, row[b] / UNITS, column[b] / UNITS
-                first, last = cell_rows(r0, r1, reach)
+                first, last = cell_rows(r0, r1, reach, CELL)
                 for cell_row in range(first, min(last, rows)):
-                    begin, end = cell_columns(cell_row, r0, c0, r1, c1, reach)
+                    begin, end = cell_columns(cell_row, r0, c0, r1, c1, reach, CELL)
                     for cell in range(cell_row * columns + begin, cell_row * columns + min(end, columns)):
                         if fill:
                             bounds[cell] -= 1
@@ -210,9 +210,9 @@ def _mark_cells(offsets: Int64, vertices: Vertices, some: Bools, cells: Bools, r
             continue
         for k in range(offsets[arc] + 1, offsets[arc + 1]):
             (r0, c0), (r1, c1) = vertices[k - 1], vertices[k]
-            first, last = cell_rows(r0, r1, reach)
+            first, last = cell_rows(r0, r1, reach, CELL)
             for cell_row in range(first, min(last, cells.shape[0])):
-                begin, end = cell_columns(cell_row, r0, c0, r1, c1, reach)
+                begin, end = cell_columns(cell_row, r0, c0, r1, c1, reach, CELL)
                 for cell_column in range(begin, min(end, cells.shape[1])):
                     cells[cell_row, cell_column] = True
 
@@ -224,9 +224,9 @@ def _in_marked_cells(offsets: Int64, vertices: Vertices, some: Bools, cells: Boo
         k = offsets[arc] + 1
         while k < offsets[arc + 1] and not some[arc]:
             (r0, c0), (r1, c1) = vertices[k - 1], vertices[k]
-            first, last = cell_rows(r0, r1, 0.0)
+            first, last = cell_rows(r0, r1, 0.0, CELL)
             for cell_row in range(first, min(last, cells.shape[0])):
-                begin, end = cell_columns(cell_row, r0, c0, r1, c1, 0.0)
+                begin, end = cell_columns(cell_row, r0, c0, r1, c1, 0.0, CELL)
                 for cell_column in range(begin, min(end, cells.shape[1])):
                     some[arc] |= cells[cell_row, cell_column]
             k += 1

@@ -17,7 +17,11 @@ HALVINGS = 3
 
 
 def simplify_chains(
-    chains: Chains, tolerance: float | NDArray[np.float64], pixel_height: float = 1.0, pixel_width: float = 1.0
+    chains: Chains,
+    tolerance: float | NDArray[np.float64],
+    pixel_height: float = 1.0,
+    pixel_width: float = 1.0,
+    cell: int = CELL,
 ) -> Chains:
     """Simplify each chain by itself (Douglas & Peucker 1973), with its two ends fixed, so that the topology stays.
 
@@ -35,6 +39,8 @@ def simplify_chains(
         for all chains or for each. A diagonal staircase becomes a line from 0.71 pixels on.
     pixel_height, pixel_width
         Size of a step of the vertices, > 0.
+    cell
+        Steps on a side of the cells by which segments that may meet are found; it does not show in the result.
 
     Returns
     -------
@@ -56,7 +62,7 @@ def simplify_chains(
     again = False
     while redo.size:
         keep_vertices(redo, chains.offsets, chains.vertices, tolerances, pixel_height, pixel_width, kept)
-        redo = np.flatnonzero(_conflicts(chains.offsets, chains.vertices, kept, redo, again, reach))
+        redo = np.flatnonzero(_conflicts(chains.offsets, chains.vertices, kept, redo, again, reach, cell))
         again = True
         tolerances[redo] /= 2
         tolerances[tolerances < least] = 0
@@ -89,26 +95,34 @@ def _segments(offsets: Int64, kept: NDArray[np.bool_]) -> tuple[Int64, Int64]:
 
 
 @rule
-def cell_rows(a: float, b: float, margin: float) -> tuple[int, int]:
+def cell_rows(a: float, b: float, margin: float, cell: int) -> tuple[int, int]:
     """Range of rows of cells that come within the margin of the rows from a to b."""
-    return max(int(np.floor((min(a, b) - margin) / CELL)), 0), int(np.floor((max(a, b) + margin) / CELL)) + 1
+    return max(int(np.floor((min(a, b) - margin) / cell)), 0), int(np.floor((max(a, b) + margin) / cell)) + 1
 
 
 @rule
-def cell_columns(cell_row: int, r0: float, c0: float, r1: float, c1: float, margin: float) -> tuple[int, int]:
+def cell_columns(
+    cell_row: int, r0: float, c0: float, r1: float, c1: float, margin: float, cell: int
+) -> tuple[int, int]:
     """Range of cells of one row of cells that come within the margin of a segment."""
     low, high = float(min(c0, c1)), float(max(c0, c1))
     if r0 != r1:
         slope = (c1 - c0) / (r1 - r0)
-        above = c0 + (cell_row * CELL - margin - r0) * slope
-        below = c0 + ((cell_row + 1) * CELL + margin - r0) * slope
+        above = c0 + (cell_row * cell - margin - r0) * slope
+        below = c0 + ((cell_row + 1) * cell + margin - r0) * slope
         low, high = max(low, min(above, below)), min(high, max(above, below))
-    return max(int(np.floor((low - margin) / CELL)), 0), int(np.floor((high + margin) / CELL)) + 1
+    return max(int(np.floor((low - margin) / cell)), 0), int(np.floor((high + margin) / cell)) + 1
 
 
 @loop
 def _cells_of_redone(
-    segments: Int64, arc_of: Int64, vertices: Vertices, redone: NDArray[np.bool_], with_old: bool, reach: float
+    segments: Int64,
+    arc_of: Int64,
+    vertices: Vertices,
+    redone: NDArray[np.bool_],
+    with_old: bool,
+    reach: float,
+    cell: int,
 ) -> tuple[Int64, Int64]:
     """Cells that segments of redone arcs may sweep, and these segments, unsorted."""
     keys, listed = np.empty(0, np.int64), np.empty(0, np.int64)
@@ -118,9 +132,9 @@ def _cells_of_redone(
             if not redone[arc_of[s]] or not (with_old or segments[s, 1] > segments[s, 0] + 1):
                 continue
             (r0, c0), (r1, c1) = vertices[segments[s, 0]], vertices[segments[s, 1]]
-            first, last = cell_rows(r0, r1, reach)
+            first, last = cell_rows(r0, r1, reach, cell)
             for cell_row in range(first, last):
-                left, right = cell_columns(cell_row, r0, c0, r1, c1, reach)
+                left, right = cell_columns(cell_row, r0, c0, r1, c1, reach, cell)
                 for cell_column in range(left, right):
                     if fill:
                         keys[count], listed[count] = np.int64(cell_row) << 32 | cell_column, s
@@ -178,12 +192,13 @@ def _mark_conflicts(
     vertices: Vertices,
     kept: NDArray[np.bool_],
     bad: NDArray[np.bool_],
+    cell: int,
 ) -> None:
     for s in range(len(segments)):
         (r0, c0), (r1, c1) = vertices[segments[s, 0]], vertices[segments[s, 1]]
-        first, last = cell_rows(r0, r1, 0.25)
+        first, last = cell_rows(r0, r1, 0.25, cell)
         for cell_row in range(first, last):
-            left, right = cell_columns(cell_row, r0, c0, r1, c1, 0.25)
+            left, right = cell_columns(cell_row, r0, c0, r1, c1, 0.25, cell)
             stop = np.int64(cell_row) << 32 | right
             at = np.searchsorted(keys, np.int64(cell_row) << 32 | left)
             while at < len(keys) and keys[at] < stop:
@@ -202,7 +217,7 @@ def _mark_conflicts(
                 second += 1
         for fixed in (first, second):
             row, column = vertices[fixed, 0], vertices[fixed, 1]
-            key = np.int64(row // CELL) << 32 | np.int64(column // CELL)
+            key = np.int64(row // cell) << 32 | np.int64(column // cell)
             at = np.searchsorted(keys, key)
             while at < len(keys) and keys[at] == key:
                 begin, end = segments[listed[at]]
@@ -211,7 +226,7 @@ def _mark_conflicts(
 
 
 def _conflicts(
-    offsets: Int64, vertices: Vertices, kept: NDArray[np.bool_], redo: Int64, again: bool, reach: float
+    offsets: Int64, vertices: Vertices, kept: NDArray[np.bool_], redo: Int64, again: bool, reach: float, cell: int
 ) -> NDArray[np.bool_]:
     """Arcs with a new segment that passes a fixed point, or meets another segment, one of the two of a redone arc.
 
@@ -221,7 +236,7 @@ def _conflicts(
     segments, arc_of = _segments(offsets, kept)
     redone, bad = np.zeros((2, len(offsets) - 1), np.bool_)
     redone[redo] = True
-    keys, listed = _cells_of_redone(segments, arc_of, vertices, redone, again, reach)
+    keys, listed = _cells_of_redone(segments, arc_of, vertices, redone, again, reach, cell)
     order = np.argsort(keys, kind="stable")
-    _mark_conflicts(keys[order], listed[order], segments, arc_of, offsets, vertices, kept, bad)
+    _mark_conflicts(keys[order], listed[order], segments, arc_of, offsets, vertices, kept, bad, cell)
     return bad

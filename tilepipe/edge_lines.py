@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe.arc_network import Chains
+from tilepipe.arc_network import Chains, taken
 from tilepipe.arc_simplification import simplify_chains
 from tilepipe.edge_parameters import EdgeParameters
 from tilepipe_kernels.compiled import loop, rule
@@ -21,14 +21,17 @@ _STEP = 1.0
 _LONG_SIDE = 3
 """Cracks of a side that is no step of a staircase."""
 
-_PASSES = 16
-"""Passes of smoothing: a Gaussian of about three cracks."""
+_PASSES = 8
+"""Passes of smoothing: a Gaussian of two cracks."""
 
 _FARTHEST = 0.25
 """Farthest that smoothing moves a middle, in pixels: two chains around one pixel then keep apart."""
 
 _STEPS = 16
 """Steps of a pixel to which the points are rounded, so that crossings are decided exactly."""
+
+_CELL = 8
+"""Pixels on a side of the cells by which segments that may meet are found."""
 
 _BESIDE = 0.5
 """Share of a line that must lie opposite other lines to be a candidate for the border of a street."""
@@ -126,7 +129,7 @@ def smoothed(lines: Chains, tolerance: float) -> Chains:
     kept[starts[:-1]] = True
     chains = Chains(np.concatenate([[0], np.cumsum(kept)])[starts], steps[kept])
     if tolerance > 0:
-        chains = simplify_chains(chains, tolerance, 1 / _STEPS, 1 / _STEPS)
+        chains = simplify_chains(chains, tolerance, 1 / _STEPS, 1 / _STEPS, cell=_CELL * _STEPS)
     return Chains(chains.offsets, chains.vertices / _STEPS)
 
 
@@ -184,23 +187,23 @@ def find_streets(
     Streets
     """
     apart = max(2.0, _STEP / resolution)
-    samples = sample_lines(chains.offsets, chains.vertices, apart)
     lengths = chains.lengths()
-    short = lengths * resolution < parameters.minimum_street_length
-    darker = np.where(step >= _LEAST_CONTRAST, RIGHT, np.where(step <= -_LEAST_CONTRAST, LEFT, -1)).astype(np.int8)
-    darker[short] = -1
+    told = (lengths * resolution >= parameters.minimum_street_length) & (np.abs(step) >= _LEAST_CONTRAST)
+    number_of = np.flatnonzero(told)
+    samples = sample_lines(*taken(chains.offsets, chains.vertices, told), apart)
     seen, width = opposite_samples(
         samples,
-        darker,
+        np.where(step[told] > 0, RIGHT, LEFT).astype(np.int8),
         step=apart,
         least=parameters.minimum_street_width / resolution,
         most=parameters.maximum_street_width / resolution,
         angle=parameters.maximum_street_angle,
         workers=workers,
     )
-    number = np.bincount(samples.line, minlength=len(chains))
+    line = number_of[samples.line]
+    number = np.bincount(line, minlength=len(chains))
     left, right = (
-        _side(samples.line, np.where(seen[:, side] >= 0, samples.line[seen[:, side]], -1), width[:, side], number)
+        _side(line, np.where(seen[:, side] >= 0, line[seen[:, side]], -1), width[:, side], number)
         for side in (LEFT, RIGHT)
     )
     better = right.share > left.share
