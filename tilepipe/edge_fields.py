@@ -55,6 +55,13 @@ def halo(parameters: EdgeParameters) -> int:
     return max(fields + 2, nevatia_babu_links.halo() if p.nevatia_babu else 0)
 
 
+def bytes_per_pixel(parameters: EdgeParameters) -> int:
+    """Peak memory of the pass per pixel, as measured: grey values, and what finding levels or both fields takes."""
+    k = parameters.levels
+    levels = 60 + 18 * k if parameters.optimiser == "messages" else 36 + 4 * k
+    return 16 + max(levels, 72 if parameters.scheme == "integrated" else 0)
+
+
 def find_fields(context: FieldContext, tile: Tile) -> Facts:
     """Tile function: writes levels and lines; facts are the pieces of edge lines, edge elements, and counts."""
     p = context.parameters

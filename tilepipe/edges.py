@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from tilepipe.edge_fields import NODATA, FieldContext, count_fields, find_fields, halo
+from tilepipe.edge_fields import NODATA, FieldContext, bytes_per_pixel, count_fields, find_fields, halo
 from tilepipe.edge_levels import CountContext, LevelScale, added, count_greys, edge_threshold, level_scale
 from tilepipe.edge_parameters import EdgeParameters, edge_parameters
 from tilepipe.edge_tables import write_edges, write_nevatia_babu
@@ -26,9 +26,6 @@ from tilepipe.planning import Plan, plan_passes
 from tilepipe.run import STATE, Record, Run
 
 SUMMARY = "edges.json"
-
-_BYTES_PER_PIXEL = 40
-"""Peak of the pass `fields`: grey values, both fields, stabilities and worklists."""
 
 _PER_MEGAPIXEL = 12_000_000
 """Lines of a city at half a metre and edge elements in bytes per Mpx, while tables are made of them."""
@@ -167,7 +164,9 @@ class _Job(Job):
         lines = StateArray(state / "lines.zarr", self.grid, "uint8", NODATA)
         context = FieldContext(photograph, scale, self.parameters, levels, lines, threshold, self.options.seed)
         writes = {"levels": levels, "lines": lines}
-        return Pass("fields", find_fields, context, self.grid, halo(self.parameters), writes, _BYTES_PER_PIXEL)
+        return Pass(
+            "fields", find_fields, context, self.grid, halo(self.parameters), writes, bytes_per_pixel(self.parameters)
+        )
 
     def write_rasters(self, run: Run, context: FieldContext) -> list[Path]:
         """Write both fields into the state folder."""
