@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tilepipe_kernels import levels, nevatia_babu
-from tilepipe_kernels.edge_model import EdgeModel, energy
+from tilepipe_kernels.edge_energy import energy
+from tilepipe_kernels.edge_model import EdgeModel
 from tilepipe_kernels.grey_levels import LARGEST_GREY, to_levels
 from tilepipe_kernels.intensity_field import intensity_field
 from tilepipe_kernels.line_field import coupled_fields, line_field

@@ -17,7 +17,8 @@ from benchmarks.edges import run_edges
 from benchmarks.harness import Unsuitable
 from benchmarks.machine import Machine
 from benchmarks.watch import Watched
-from tilepipe_kernels.edge_model import EdgeModel, energy
+from tilepipe_kernels.edge_energy import energy
+from tilepipe_kernels.edge_model import EdgeModel
 
 MACHINE = Machine("a processor", 2, 8 << 30, "3.11", {"numpy": "2"}, "2026-01-01", 0.0, 1e9)
 

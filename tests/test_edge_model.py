@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from tests.naive import edge_model as naive
-from tilepipe_kernels.edge_model import EdgeModel, element_energy, energy, energy_terms, label_energy
+from tilepipe_kernels.edge_energy import energy, energy_terms
+from tilepipe_kernels.edge_model import EdgeModel, element_energy, label_energy
 
 Field = NDArray[np.uint8]
 

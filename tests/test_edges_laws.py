@@ -15,7 +15,7 @@ from rasterio.transform import from_origin
 from tilepipe import InputError, RunOptions, edges, plan_edges
 from tilepipe.edge_parameters import edge_parameters
 from tilepipe.errors import TileError
-from tilepipe_kernels.edge_model import energy
+from tilepipe_kernels.edge_energy import energy
 
 LAYERS = ("segments.tif", "lines.tif", "edges.parquet", "nevatia_babu.parquet", "edges.json")
 pytestmark = pytest.mark.filterwarnings("ignore:.*still wanted to change")

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from tests.naive.intensity_field import Problem
 from tilepipe_kernels import label_messages
 from tilepipe_kernels.annealing import Annealing
-from tilepipe_kernels.edge_model import EdgeModel, energy
+from tilepipe_kernels.edge_energy import energy
+from tilepipe_kernels.edge_model import EdgeModel
 from tilepipe_kernels.hcf import site_rank
 from tilepipe_kernels.intensity_field import Method, halo, intensity_field, minimise
 from tilepipe_kernels.label_hcf import parallel_rounds

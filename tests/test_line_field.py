@@ -13,7 +13,8 @@ from scipy.ndimage import gaussian_filter
 
 from tests.naive import line_field as naive
 from tilepipe_kernels.annealing import Annealing
-from tilepipe_kernels.edge_model import EdgeModel, energy, energy_terms
+from tilepipe_kernels.edge_energy import energy, energy_terms
+from tilepipe_kernels.edge_model import EdgeModel
 from tilepipe_kernels.line_energies import find_stabilities, wishes
 from tilepipe_kernels.line_field import CoupledFields, LineField, Method, _sites, coupled_fields, halo, line_field
 from tilepipe_kernels.line_hcf import parallel_rounds

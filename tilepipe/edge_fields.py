@@ -17,7 +17,7 @@ from tilepipe.passes import StateArray, write_state
 from tilepipe.photograph import Photograph
 from tilepipe_kernels import crack_lines, intensity_field, line_field, nevatia_babu_links
 from tilepipe_kernels.annealing import Annealing
-from tilepipe_kernels.edge_model import EnergyTerms, energy_terms
+from tilepipe_kernels.edge_energy import EnergyTerms, energy_terms
 from tilepipe_kernels.grey_levels import LEVEL_STEPS
 
 NODATA = 255
