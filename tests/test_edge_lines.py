@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from tilepipe.arc_network import Chains, join_lines
 from tilepipe.edge_lines import find_streets, smoothed
 from tilepipe.edge_parameters import edge_parameters
-from tilepipe.edge_tables import line_shape
+from tilepipe.edge_tables import line_shape, long_groups
 from tilepipe_kernels.crack_lines import trace_lines
 
 
@@ -78,6 +78,18 @@ def test_shapes_of_lines() -> None:
     assert np.allclose(shape.straightness, [1, 0, 0])
     assert np.allclose(shape.sinuosity, [1, math.sqrt(2), np.nan], equal_nan=True)
     assert line_shape(np.array([0]), np.empty((0, 2))).length.size == 0
+
+
+def test_short_lines_stay_where_they_meet_others() -> None:
+    labels = np.zeros((20, 40), np.uint8)
+    labels[10:, :] = 1
+    labels[10:13, 20:] = 2  # a junction of three borders, of which one is short
+    labels[2, 2] = 3  # alone
+    lines = lines_of(labels)
+    kept = long_groups(lines, lines.lengths(), 20.0)
+    assert len(lines) == 4
+    assert kept.tolist() == [False, True, True, True]
+    assert not long_groups(lines, lines.lengths(), 64.0).any()
 
 
 def borders(length: int, width: int):

@@ -47,6 +47,10 @@ def __getattr__(name: str) -> Any:
     raise AttributeError(f"module 'tilepipe' has no attribute '{name}'")
 
 
+def __dir__() -> list[str]:
+    return [*__all__, "accessor"]
+
+
 class _Package(ModuleType):
     """The package; the import of the module `tilepipe.streets` must not hide the function `tilepipe.streets`."""
 

@@ -85,6 +85,11 @@ def taken(offsets: Int64, vertices: NDArray[Any], kept: NDArray[np.bool_]) -> tu
     return np.concatenate([[0], np.cumsum(sizes[kept])]), vertices[np.repeat(kept, sizes)]
 
 
+def end_points(offsets: Int64, vertices: Vertices) -> Vertices:
+    """First and last vertex of each chain, one after the other: shape (2 n, 2)."""
+    return vertices[np.stack([offsets[:-1], offsets[1:] - 1], axis=1).reshape(-1)]
+
+
 def join_arcs(pieces: Iterable[ArcPieces]) -> Arcs:
     """Join the pieces of the arcs of all tiles of a raster.
 

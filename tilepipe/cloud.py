@@ -166,7 +166,8 @@ def read_cloud(path: str | Path) -> Cloud:
             bounds = np.stack([header.mins, header.maxs]).astype(float)
             crs, vertical_unit = _crs_of(header)
     except Exception as error:
-        raise InputError(f"{path}: not a readable LAS, LAZ or COPC file ({error})") from error
+        reason = "is no point cloud" if isinstance(error, laspy.LaspyException) and "signature" in str(error) else error
+        raise InputError(f"{path}: not a readable LAS, LAZ or COPC file ({reason})") from error
     if count == 0:
         raise InputError(f"{path}: the cloud has no points; leave the file out")
     raw = np.rint((bounds - offsets) / scales) if (scales > 0).all() else np.full((2, 3), np.nan)

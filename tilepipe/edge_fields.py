@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe.arc_network import Chains, taken
+from tilepipe.arc_network import Chains, end_points, taken
 from tilepipe.edge_levels import LevelScale
 from tilepipe.edge_parameters import EdgeParameters
 from tilepipe.grid import Tile, Window
@@ -70,7 +70,7 @@ def find_fields(context: FieldContext, tile: Tile) -> Facts:
     observed = context.scale.levels(grey)
     core, origin = tile.core_in_padded, tile.padded.origin
     levels, h, v, unresolved = _fields(context, observed, core, origin)
-    # a line is never longer than its cracks
+    # a line is never longer than its cracks, and counts with those that it meets
     least = p.minimum_length / context.photograph.raster.geometry.resolution
     facts = _pieces(grey, h, v, core, origin, least)
     facts |= _energy(energy_terms(observed, levels, h, v, p.levels, core=core.slices), unresolved)
@@ -125,12 +125,26 @@ def _pieces(
     origin: tuple[int, int],
     least: float,
 ) -> Facts:
-    """Pieces of lines in pixels; of those that do not go on in another tile only the ones that are long enough."""
+    """Pieces of lines; those that meet no other, in this tile or beyond it, only if they are long enough."""
     pieces = crack_lines.trace_lines(h, v, grey, core.as_tuple(), origin)
-    kept = pieces.cut.any(axis=1) | (Chains(pieces.offsets, pieces.vertices).lengths() >= least)
+    lengths = Chains(pieces.offsets, pieces.vertices).lengths()
+    kept = (lengths >= least) | pieces.cut.any(axis=1) | _meets(pieces, core, origin)
     offsets, vertices = taken(pieces.offsets, pieces.vertices, kept)
     others = {name: getattr(pieces, name)[kept] for name in ("cut", "contrast", "step")}
     return {"offsets": offsets, "vertices": vertices} | others
+
+
+def _meets(pieces: crack_lines.LinePieces, core: Window, origin: tuple[int, int]) -> NDArray[np.bool_]:
+    """Whether a piece shares one of its ends with another piece, or ends where another tile's may end."""
+    ends = end_points(pieces.offsets, pieces.vertices)
+    _, place, count = np.unique(ends, axis=0, return_inverse=True, return_counts=True)
+    top, left = origin[0] + core.top, origin[1] + core.left
+    inside = ((ends > (top, left)) & (ends < (top + core.rows, left + core.columns))).all(axis=1)
+    # both ends of a ring are one place
+    rings = (ends[::2] == ends[1::2]).all(axis=1)
+    alone = inside & (count[place.reshape(-1)] == np.where(np.repeat(rings, 2), 2, 1))
+    meets: NDArray[np.bool_] = ~alone.reshape(-1, 2).all(axis=1)
+    return meets
 
 
 def _energy(terms: EnergyTerms, unresolved: int) -> Facts:

@@ -53,7 +53,7 @@ class EdgeParameters(BaseModel):
     simplification: float = Field(
         0.15, ge=0, le=0.5, description="tolerance of the lines' vertices in pixels; lines stay within 0.35 more"
     )
-    minimum_length: float = Field(5.0, ge=0, le=1e06, description="shortest edge line (m)")
+    minimum_length: float = Field(5.0, ge=0, le=1e06, description="shortest edge line, or group of lines that meet (m)")
     minimum_street_width: float = Field(4.0, gt=0, le=1000, description="narrowest street between two edges (m)")
     maximum_street_width: float = Field(25.0, gt=0, le=1000, description="widest street between two edges (m)")
     minimum_street_length: float = Field(15.0, ge=0, le=1e06, description="shortest border of a street (m)")

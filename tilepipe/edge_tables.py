@@ -9,13 +9,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe.arc_network import Chains, Lines, join_lines, taken
+from tilepipe.arc_network import Chains, Lines, end_points, join_lines, taken
 from tilepipe.edge_fields import ELEMENT_COLUMNS, PIECE_COLUMNS
 from tilepipe.edge_lines import find_streets, smoothed
 from tilepipe.edge_parameters import EdgeParameters
 from tilepipe.geoparquet import ParquetLineWriter
 from tilepipe.georeference import Geometry
 from tilepipe.ledger import Facts, Ledger
+from tilepipe.reconcile import unite
 from tilepipe_kernels import nevatia_babu, nevatia_babu_links, nevatia_babu_tracing
 from tilepipe_kernels.crack_lines import TICKS, LinePieces
 from tilepipe_kernels.nevatia_babu_links import EdgeElements
@@ -80,6 +81,15 @@ def shape_columns(shape: Shape, geometry: Geometry) -> dict[str, NDArray[Any]]:
     }
 
 
+def long_groups(chains: Chains, lengths: NDArray[np.float64], least: float) -> NDArray[np.bool_]:
+    """Chains of groups that are ``least`` long together; chains that meet at an end are of one group."""
+    if not len(chains):
+        return np.zeros(0, np.bool_)
+    places = np.unique(end_points(chains.offsets, chains.vertices), axis=0, return_inverse=True)[1].reshape(-1, 2)
+    group = unite(int(places.max()) + 1, places.astype(np.int64))[places[:, 0]]
+    return np.asarray(np.bincount(group, lengths)[group] >= least)
+
+
 def on_the_map(vertices: NDArray[np.float64], geometry: Geometry) -> NDArray[np.float64]:
     """Map coordinates x, y of rows and columns counted from the upper left corner of the first pixel."""
     row, column = vertices.T
@@ -110,13 +120,14 @@ def write_edges(path: Path, ledger: Ledger, geometry: Geometry, parameters: Edge
     """
     lines = join_lines(LinePieces(**{name: facts[name] for name in PIECE_COLUMNS}) for facts in ledger.each())
     cracks = lines.lengths()
-    kept = cracks * geometry.resolution >= parameters.minimum_length  # smoothing makes lines shorter, never longer
+    # smoothing makes lines shorter, never longer
+    kept = long_groups(lines, cracks * geometry.resolution, parameters.minimum_length)
     lines = Lines(*taken(lines.offsets, lines.vertices, kept), lines.contrast[kept], lines.step[kept])
     contrast, step = (sums / cracks[kept] / TICKS for sums in (lines.contrast, lines.step))
     chains = smoothed(lines, parameters.simplification)
     del lines
     shape = line_shape(chains.offsets, chains.vertices)
-    kept = shape.length * geometry.resolution >= parameters.minimum_length
+    kept = long_groups(chains, shape.length * geometry.resolution, parameters.minimum_length)
     chains = Chains(*taken(chains.offsets, chains.vertices, kept))
     streets = find_streets(chains, step[kept], parameters, geometry.resolution, workers)
     columns = {

@@ -90,7 +90,7 @@ def merge_regions(
     smoothness, noise = float(first.smoothness.mean()), float(first.noise.mean())
     state = _State(parameters, graph, np.arange(sites.size, dtype=np.int32), tell)
     del graph
-    smallest = parameters.minimum_area / resolution**2
+    smallest = parameters.smallest_region(resolution)
     while True:
         state.merge_expected(smoothness, noise, workers, _FEW_BORDERS)
         # what small regions have joined may be one with its neighbours now, so that merging goes on after them

@@ -42,7 +42,11 @@ class ObjectParameters(BaseModel):
     merge_rounds: int = Field(60, ge=0, le=1000, description="most rounds of merging")
 
     # polygons
-    minimum_area: float = Field(4.0, ge=0, description="smaller regions join their most similar neighbour (m²)")
+    minimum_area: float = Field(
+        4.0,
+        ge=0,
+        description="smaller regions, and those below four smallest squares, join their most similar neighbour (m²)",
+    )
     simplification: float = Field(0.75, ge=0, description="tolerance of the borders' vertices (m); 0 = pixel steps")
     regularisation: float = Field(
         0.0, ge=0, le=1000, description="largest move of a building's corner to make walls right-angled (m); 0 = off"
@@ -63,6 +67,13 @@ class ObjectParameters(BaseModel):
         if self.smallest_leaf > self.largest_leaf:
             raise ValueError(f"smallest_leaf {self.smallest_leaf} exceeds largest_leaf {self.largest_leaf}")
         return self
+
+    def smallest_region(self, resolution: float) -> float:
+        """Area of the smallest region in pixels of ``resolution`` metres."""
+        if self.minimum_area == 0:
+            return 0.0
+        smallest, _ = self.leaf_sides(resolution)
+        return max(self.minimum_area / resolution**2, 4.0 * smallest**2)
 
     def leaf_sides(self, resolution: float) -> tuple[int, int]:
         """Sides of the smallest and the largest square in pixels: powers of two, the nearest not above."""

@@ -15,6 +15,7 @@ from tilepipe.errors import InputError
 from tilepipe.grid import Tile, Window
 from tilepipe.ledger import Facts
 from tilepipe.raster import Raster, open_raster
+from tilepipe.sources import ARRAY
 
 LUMINANCE = (0.299, 0.587, 0.114)
 """Weights of red, green and blue (ITU-R BT.601)."""
@@ -153,7 +154,7 @@ def _opened(inputs: Sequence[Any], crs: str | None, bands: Sequence[int]) -> tup
 
 
 def _name(item: Any) -> str:
-    return str(item) if isinstance(item, (str, Path)) else "the array"
+    return str(item) if isinstance(item, (str, Path)) else ARRAY
 
 
 def _colour_bands(item: Any) -> tuple[list[int], list[int] | None]:

@@ -22,6 +22,9 @@ from tilepipe.grid import Window
 if TYPE_CHECKING:
     import xarray as xr
 
+ARRAY = "the array"
+"""Name of an input that is no file."""
+
 _IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
 
 _UNEVEN = 0.1
@@ -62,10 +65,13 @@ class Source(Protocol):
 def open_source(item: str | Path | xr.DataArray, *, crs: str | None, band: int | None) -> Source:
     """Open one input of a mosaic; see `open_raster`."""
     if not isinstance(item, (str, Path)):
-        return array_source(item, "the array", crs=crs, band=band)
+        return array_source(item, ARRAY, crs=crs, band=band)
     path = Path(item)
     if not path.exists():
-        raise InputError(f"{path}: no such file; check the path")
+        array = "; a run from an array in memory cannot be repeated from its record" if item == ARRAY else ""
+        raise InputError(f"{path}: no such file; check the path{array}")
+    if path.suffix.lower() in (".las", ".laz"):
+        raise InputError(f"{path}: is a point cloud; make a raster of it with tilepipe grid first")
     if path.is_dir():
         return _zarr_source(path, crs=crs, band=band)
     return _file_source(path, crs=crs, band=band)
