@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tests.scenes import write_raster
 from tilepipe import InputError, objects, plan_objects
-from tilepipe.object_building_table import BUILDING_COLUMNS
+from tilepipe.object_building_table import BUILDING_COLUMNS, without_holes
 
 geopandas = pytest.importorskip("geopandas")
 shapely = pytest.importorskip("shapely")
@@ -88,6 +88,24 @@ def test_buildings_are_regions_dissolved(found: Path) -> None:
         assert shapely.equals(shapely.union_all(members.geometry.to_numpy()), building.geometry)
     low = regions[regions.height_above_ground < 2.5]
     assert len(low) and (low.building_probability == 0).all()
+
+
+def test_small_holes_are_filled_and_courts_are_not(tmp_path: Path) -> None:
+    heights, house = village()
+    heights[np.random.default_rng(1).random(heights.shape) < 0.005] = np.nan
+    table = geopandas.read_parquet(run(heights, tmp_path) / "buildings.parquet")
+    assert table.is_valid.all()
+    holes = shapely.get_num_interior_rings(shapely.get_parts(table.geometry.to_numpy()))
+    assert holes.sum() == 1
+    assert table.area_m2.sum() == pytest.approx(0.25 * np.count_nonzero(house), rel=0.05)
+
+
+def test_what_stands_in_a_filled_hole_is_part_of_the_whole() -> None:
+    ring = shapely.box(0, 0, 20, 20) - shapely.box(4, 4, 7, 7) - shapely.box(10, 10, 18, 18)
+    found = without_holes(np.array([shapely.MultiPolygon([ring, shapely.box(5, 5, 6, 6)])]), 10.0)
+    assert shapely.is_valid(found).all()
+    assert shapely.equals(found[0], shapely.box(0, 0, 20, 20) - shapely.box(10, 10, 18, 18))
+    assert without_holes(np.array([], object), 10.0).size == 0
 
 
 def test_a_scene_without_houses_has_an_empty_table(tmp_path: Path) -> None:

@@ -33,7 +33,14 @@ BUILDING_COLUMNS: dict[str, str] = {
 
 
 def write_buildings(
-    path: Path, exact: Arcs, arcs: Arcs, leaves: Leaves, merged: Merged, buildings: Buildings, geometry: Geometry
+    path: Path,
+    exact: Arcs,
+    arcs: Arcs,
+    leaves: Leaves,
+    merged: Merged,
+    buildings: Buildings,
+    geometry: Geometry,
+    smallest_hole: float,
 ) -> Path:
     """Write ``buildings.parquet``, one multipolygon per building.
 
@@ -47,17 +54,35 @@ def write_buildings(
         What the buildings are made of.
     geometry
         Grid of the raster.
+    smallest_hole
+        Smaller holes are filled (m²): pixels without height, chimneys, shafts of light.
     """
-    import shapely
-
     group = np.concatenate([np.zeros(1, np.uint32), buildings.building])
     rings = assemble_polygons(dissolved(exact, group))
     ids, found = rings.geometries(dissolved(arcs, group), geometry.transform)
-    parts, owner = shapely.get_parts(found, return_index=True)
-    polygons: NDArray[Any] = shapely.multipolygons(parts, indices=owner) if len(parts) else parts
+    polygons = without_holes(found, smallest_hole / geometry.metres**2)
     with ParquetWriter(path, BUILDING_COLUMNS, geometry.crs, "MultiPolygon") as table:
         table.append(_columns(ids.astype(np.int64), polygons, leaves, merged, buildings, geometry.metres), polygons)
     return path
+
+
+def without_holes(polygons: NDArray[Any], least: float) -> NDArray[Any]:
+    """Multipolygons of polygons and multipolygons, without their holes of less than an area."""
+    import shapely
+
+    parts, owner = shapely.get_parts(polygons, return_index=True)
+    if not len(parts):
+        return np.asarray(parts)
+    rings, part = shapely.get_rings(parts, return_index=True)
+    shell = np.diff(part, prepend=-1) > 0
+    kept = shell | (shapely.area(shapely.polygons(rings)) >= least)
+    filled = shapely.multipolygons(shapely.polygons(rings[kept], indices=part[kept]), indices=owner)
+    # what stood in a hole by itself is then part of the whole
+    nested = ~shapely.is_valid(filled)
+    for number in np.flatnonzero(nested):
+        whole = shapely.unary_union(shapely.get_parts(filled[number]))
+        filled[number] = shapely.multipolygons(shapely.get_parts(whole))
+    return np.asarray(filled)
 
 
 def _columns(

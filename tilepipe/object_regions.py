@@ -23,6 +23,7 @@ from tilepipe.object_building_table import write_buildings
 from tilepipe.object_buildings import Buildings
 from tilepipe.object_graph import Leaves
 from tilepipe.object_merge import Merged
+from tilepipe.object_parameters import ObjectParameters
 from tilepipe.passes import StateArray
 from tilepipe.polygons import PolygonRings, assemble_polygons
 from tilepipe.relabel import read_relabelled
@@ -92,8 +93,7 @@ def write_tables(
     merged: Merged,
     buildings: Buildings | None,
     geometry: Geometry,
-    simplification: float,
-    regularisation: float = 0.0,
+    parameters: ObjectParameters,
     workers: int = 1,
 ) -> list[Path]:
     """Write ``objects.parquet``, ``boundaries.parquet`` and, where they are told, ``buildings.parquet``.
@@ -110,10 +110,8 @@ def write_tables(
         What is known of the regions as buildings; None = nothing, and no table of them.
     geometry
         Grid of the raster.
-    simplification
-        Tolerance of the borders in m; 0 = pixel steps.
-    regularisation
-        Largest move in m of the corners of buildings, or of regions of that shape where nothing is known; 0 = none.
+    parameters
+        Of the pipeline.
     workers
         Threads; they do not show in the tables.
 
@@ -124,12 +122,14 @@ def write_tables(
     exact = join_arcs(_pieces(ledger))
     rings = assemble_polygons(exact)
     pixel = geometry.resolution
+    simplification = parameters.simplification
     arcs = simplify_arcs(exact, simplification, pixel, pixel) if simplification > 0 else exact
-    if regularisation > 0:
+    # the corners move of buildings, or of regions of that shape where nothing is known of buildings
+    if parameters.regularisation > 0:
         wanted = None if buildings is None else np.concatenate([[False], buildings.building > 0])
         arcs = regularise_arcs(
             exact,
-            regularisation,
+            parameters.regularisation,
             geometry.shape,
             simplification=simplification,
             pixel_height=pixel,
@@ -142,7 +142,13 @@ def write_tables(
     }
     if buildings is not None:
         tables["buildings"] = partial(
-            write_buildings, exact=exact, arcs=arcs, leaves=leaves, merged=merged, buildings=buildings
+            write_buildings,
+            exact=exact,
+            arcs=arcs,
+            leaves=leaves,
+            merged=merged,
+            buildings=buildings,
+            smallest_hole=parameters.minimum_building_area,
         )
     paths = [folder / f"{name}.parquet" for name in tables]
     with ThreadPoolExecutor(min(len(tables), workers)) as pool:

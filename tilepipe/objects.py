@@ -229,9 +229,9 @@ class _Job(Job):
     ) -> list[Path]:
         """Write the tables into the state folder."""
         with run.timed("polygons"):
-            tolerances = self.parameters.simplification, self.parameters.regularisation
+            geometry, workers = self.raster.geometry, self.options.workers
             paths = object_regions.write_tables(
-                run.state, borders, leaves, merged, buildings, self.raster.geometry, *tolerances, self.options.workers
+                run.state, borders, leaves, merged, buildings, geometry, self.parameters, workers
             )
         return self.convert(run, paths)
 
