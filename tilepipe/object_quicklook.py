@@ -60,11 +60,12 @@ def object_pictures(run_dir: str | os.PathLike[str]) -> list[Path]:
     facts = f"borders of two regions   |   {table.crs.name}"
     name = folder / "quicklook_detail.png"
     pictures = [whole, _draw(name, raster, heights, lines, window, pixel, metres, f"{title}, detail", facts)]
-    if table["building_probability"].notna().any():
+    if (buildings := run_table(folder, "buildings")) is not None:
+        found = read_vectors(buildings, "result", POLYGONS).to_crs(crs)
         chances, name = _by_region(table, "building_probability"), folder / "quicklook_buildings.png"
-        facts = f"{np.count_nonzero(chances > 0.5):,} regions of buildings   |   {table.crs.name}"
+        facts = f"{len(found):,} buildings or blocks of {found['area_m2'].sum():,.0f} m²   |   {table.crs.name}"
         title = f"Buildings: {folder.resolve().name}"
-        pictures.append(_draw(name, raster, chances, None, bounds, pixel, metres, title, facts, chance=True))
+        pictures.append(_draw(name, raster, chances, None, bounds, pixel, metres, title, facts, buildings=found))
     return pictures
 
 
@@ -112,7 +113,7 @@ def _draw(
     metres: float,
     title: str,
     facts: str,
-    chance: bool = False,
+    buildings: GeoDataFrame | None = None,
 ) -> Path:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -129,9 +130,11 @@ def _draw(
     axes = figure.add_axes((left, FOOTER / high, width / wide, height / high))
     values = _region_values(raster, of_region, bounds, (height, width))
     known = values[np.isfinite(values)]
-    low, top = np.percentile(known, (2, 98)) if known.size and not chance else (0.0, 1.0)
+    low, top = np.percentile(known, (2, 98)) if known.size and buildings is None else (0.0, 1.0)
     colours, label = (
-        (BUILDING_COLOURS, "probability of a building") if chance else (HEIGHT_COLOURS, "height of the region (m)")
+        (HEIGHT_COLOURS, "height of the region (m)")
+        if buildings is None
+        else (BUILDING_COLOURS, "probability of a building")
     )
     extent = (bounds[0], bounds[2], bounds[1], bounds[3])
     picture = axes.imshow(
@@ -141,6 +144,8 @@ def _draw(
     if borders is not None:
         picture.set_alpha(0.45)
         drawn, label = _draw_borders(axes, borders, bounds), "probability that both sides are one object"
+    if buildings is not None:
+        _draw_outlines(axes, buildings)
     axes.set(xlim=(bounds[0], bounds[2]), ylim=(bounds[1], bounds[3]), xticks=[], yticks=[])
     write_header(figure, left, high, title, facts)
     bar = figure.add_axes((left + (width + 24) / wide, FOOTER / high, 16 / wide, min(height, 500) / high))
@@ -149,6 +154,18 @@ def _draw(
     with written_aside(path) as aside:
         figure.savefig(aside, dpi=DPI, metadata={"Software": None})
     return path
+
+
+def _draw_outlines(axes: Axes, polygons: GeoDataFrame) -> None:
+    """Outlines of polygons, the largest if there are too many."""
+    import shapely
+    from matplotlib.collections import LineCollection
+
+    largest = polygons.sort_values("area_m2", ascending=False).geometry.iloc[:_MOST_BORDERS]
+    rings = shapely.get_rings(shapely.get_parts(largest.to_numpy()))
+    axes.add_collection(
+        LineCollection([shapely.get_coordinates(ring) for ring in rings], colors="#d1495b", linewidths=1)
+    )
 
 
 def _draw_borders(axes: Axes, borders: GeoDataFrame, bounds: Bounds) -> Any:
