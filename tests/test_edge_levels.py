@@ -12,10 +12,11 @@ from hypothesis import strategies as st
 from rasterio.enums import ColorInterp
 from rasterio.transform import from_origin
 
-from tilepipe.edge_levels import CountContext, added, count_greys, edge_threshold, level_scale
+from tilepipe.edge_levels import CountContext, count_greys, edge_threshold, level_scale
 from tilepipe.edge_parameters import edge_parameters
 from tilepipe.errors import InputError
 from tilepipe.grid import TileGrid, Window
+from tilepipe.histograms import added
 from tilepipe.photograph import LUMINANCE, open_photograph, principal_weights, sample_bands
 from tilepipe_kernels.grey_levels import LEVEL_STEPS, to_levels
 from tilepipe_kernels.levels import class_means

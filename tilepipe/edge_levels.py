@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 from tilepipe.edge_parameters import EdgeParameters
 from tilepipe.errors import InputError
 from tilepipe.grid import Tile
+from tilepipe.histograms import as_facts
 from tilepipe.image_noise import count_differences, noise
 from tilepipe.ledger import Facts
 from tilepipe.photograph import Photograph
@@ -64,19 +64,7 @@ def count_greys(context: CountContext, tile: Tile) -> Facts:
         magnitude, direction = nevatia_babu.edge_responses(values)
         elements = nevatia_babu.thin_edges(magnitude, direction)
         counted["edge"] = nevatia_babu.count_magnitudes(magnitude[core], elements[core])
-    facts: Facts = {}
-    for name, counts in counted.items():
-        bins = np.flatnonzero(counts)
-        facts |= {f"{name}:bins": bins.astype(np.int32), f"{name}:counts": counts[bins]}
-    return facts
-
-
-def added(facts: Iterable[Facts], name: str) -> NDArray[np.int64]:
-    """Sum of a histogram, ``grey``, ``difference`` or ``edge``, over all tiles."""
-    counts = np.zeros(levels.BINS, np.int64)
-    for tile in facts:
-        counts[tile[f"{name}:bins"]] += tile[f"{name}:counts"]
-    return counts
+    return as_facts(counted)
 
 
 def edge_threshold(counts: NDArray[np.int64], share: float | None) -> float:

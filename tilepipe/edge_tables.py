@@ -90,13 +90,6 @@ def long_groups(chains: Chains, lengths: NDArray[np.float64], least: float) -> N
     return np.asarray(np.bincount(group, lengths)[group] >= least)
 
 
-def on_the_map(vertices: NDArray[np.float64], geometry: Geometry) -> NDArray[np.float64]:
-    """Map coordinates x, y of rows and columns counted from the upper left corner of the first pixel."""
-    row, column = vertices.T
-    a, b, c, d, e, f = geometry.transform[:6]
-    return np.stack([a * column + b * row + c, d * column + e * row + f], axis=1)
-
-
 def write_edges(path: Path, ledger: Ledger, geometry: Geometry, parameters: EdgeParameters, workers: int) -> int:
     """Join the lines of all tiles and write ``edges.parquet``.
 
@@ -140,7 +133,7 @@ def write_edges(path: Path, ledger: Ledger, geometry: Geometry, parameters: Edge
         "street_share": streets.share,
     }
     with ParquetLineWriter(path, EDGE_COLUMNS, geometry.crs) as table:
-        table.append(columns, on_the_map(chains.vertices, geometry), chains.offsets)
+        table.append(columns, geometry.coordinates(chains.vertices), chains.offsets)
     return len(chains)
 
 
@@ -184,5 +177,5 @@ def write_nevatia_babu(path: Path, ledger: Ledger, geometry: Geometry, parameter
     }
     with ParquetLineWriter(path, NEVATIA_BABU_COLUMNS, geometry.crs) as table:
         # elements are pixels, and lines run through their centres
-        table.append(columns, on_the_map(pixels.astype(np.float64) + 0.5, geometry), offsets)
+        table.append(columns, geometry.coordinates(pixels + 0.5), offsets)
     return offsets.size - 1

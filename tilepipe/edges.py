@@ -12,13 +12,14 @@ from pathlib import Path
 from typing import Any
 
 from tilepipe.edge_fields import NODATA, FieldContext, bytes_per_pixel, count_fields, find_fields, halo
-from tilepipe.edge_levels import CountContext, LevelScale, added, count_greys, edge_threshold, level_scale
+from tilepipe.edge_levels import CountContext, LevelScale, count_greys, edge_threshold, level_scale
 from tilepipe.edge_parameters import EdgeParameters, edge_parameters
 from tilepipe.edge_tables import write_edges, write_nevatia_babu
 from tilepipe.grid import TileGrid
+from tilepipe.histograms import added
 from tilepipe.job import Job, as_list
 from tilepipe.layers import write_cog
-from tilepipe.ledger import Ledger
+from tilepipe.ledger import Facts, Ledger
 from tilepipe.options import RunOptions
 from tilepipe.passes import Pass, Progress, StateArray
 from tilepipe.photograph import PRINCIPAL_COMPONENT, Photograph, open_photograph, sample_bands
@@ -122,10 +123,8 @@ class _Job(Job):
 
     def layers(self, run: Run) -> list[Path]:
         photograph = self.grey(run)
-        counts = run.run_pass(self.levels_pass(photograph))
-        scale = level_scale(
-            added(counts.each(), "grey"), added(counts.each(), "difference"), self.parameters, self.raster.names[0]
-        )
+        counts = list(run.run_pass(self.levels_pass(photograph)).each())
+        scale = level_scale(added(counts, "grey"), added(counts, "difference"), self.parameters, self.raster.names[0])
         finding = self.fields_pass(run.state, photograph, scale, self.threshold(counts))
         fields = run.run_pass(finding)
         with run.beside(self.write_rasters, run, finding.context) as rasters:
@@ -153,11 +152,11 @@ class _Job(Job):
         context = CountContext(photograph, self.parameters.nevatia_babu)
         return Pass("levels", count_greys, context, self.grid, context.halo, bytes_per_pixel=24)
 
-    def threshold(self, counts: Ledger) -> float:
+    def threshold(self, counts: list[Facts]) -> float:
         """Threshold of the classical method, global."""
         if not self.parameters.nevatia_babu:
             return 0.0
-        return edge_threshold(added(counts.each(), "edge"), self.parameters.edge_share)
+        return edge_threshold(added(counts, "edge"), self.parameters.edge_share)
 
     def fields_pass(self, state: Path, photograph: Photograph, scale: LevelScale, threshold: float) -> Pass:
         levels = StateArray(state / "levels.zarr", self.grid, "uint8", NODATA)

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from tilepipe.errors import InputError
 
@@ -52,6 +55,12 @@ class Geometry:
     def transform(self) -> tuple[float, float, float, float, float, float]:
         """Affine coefficients (a, b, c, d, e, f) of rasterio for this grid."""
         return self.pixel, 0.0, self.left, 0.0, -self.pixel, self.top
+
+    def coordinates(self, vertices: NDArray[Any]) -> NDArray[np.float64]:
+        """Map coordinates x, y of rows and columns counted from the upper left corner of the first pixel."""
+        row, column = vertices.astype(np.float64).T
+        a, b, c, d, e, f = self.transform
+        return np.stack([a * column + b * row + c, d * column + e * row + f], axis=1)
 
 
 def check_geometry(

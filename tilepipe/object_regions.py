@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from tilepipe.arc_network import Arcs, join_arcs
 from tilepipe.arc_regularisation import regularise_arcs
 from tilepipe.arc_simplification import simplify_arcs
-from tilepipe.geoparquet import ParquetWriter
+from tilepipe.geoparquet import ParquetWriter, lines_from_ragged
 from tilepipe.georeference import Geometry
 from tilepipe.grid import Tile, TileGrid, Window
 from tilepipe.ledger import Facts, Ledger
@@ -178,7 +178,10 @@ def _write_objects(
 
 def _write_boundaries(path: Path, arcs: Arcs, merged: Merged, geometry: Geometry) -> None:
     with ParquetWriter(path, BOUNDARY_COLUMNS, geometry.crs, "LineString") as table:
-        table.append(_boundary_columns(arcs, merged, geometry.resolution), _lines(arcs, geometry.transform))
+        table.append(
+            _boundary_columns(arcs, merged, geometry.resolution),
+            lines_from_ragged(geometry.coordinates(arcs.vertices), arcs.offsets),
+        )
 
 
 def _object_columns(
@@ -235,13 +238,3 @@ def _boundary_columns(arcs: Arcs, merged: Merged, pixel: float) -> dict[str, NDA
         "height_step_m": step,
         "probability_one_object": probability,
     }
-
-
-def _lines(arcs: Arcs, affine: tuple[float, ...]) -> NDArray[Any]:
-    import shapely
-
-    row, column = arcs.vertices.astype(np.float64).T
-    a, b, c, d, e, f = affine[:6]
-    xy = np.stack([a * column + b * row + c, d * column + e * row + f], axis=1)
-    lines: NDArray[Any] = shapely.from_ragged_array(shapely.GeometryType.LINESTRING, xy, (arcs.offsets,))
-    return lines

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from tilepipe.errors import InputError
 from tilepipe.grid import Tile
+from tilepipe.histograms import added, as_facts
 from tilepipe.image_noise import count_differences, noise
 from tilepipe.ledger import Facts
 from tilepipe.raster import Raster
@@ -47,20 +48,7 @@ def count_values(raster: Raster, tile: Tile) -> Facts:
         "value": levels.histogram(values[tile.core_in_padded.slices]),
         "difference": count_differences(values, tile),
     }
-    facts: Facts = {}
-    for name, counts in counted.items():
-        bins = np.flatnonzero(counts)
-        facts |= {f"{name}:bins": bins.astype(np.int32), f"{name}:counts": counts[bins]}
-    return facts
-
-
-def _added(facts: Iterable[Facts]) -> dict[str, NDArray[np.int64]]:
-    """Sums of the histograms of all tiles."""
-    sums = {name: np.zeros(levels.BINS, np.int64) for name in ("value", "difference")}
-    for tile in facts:
-        for name, counts in sums.items():
-            counts[tile[f"{name}:bins"]] += tile[f"{name}:counts"]
-    return sums
+    return as_facts(counted)
 
 
 def grey_scale(facts: Iterable[Facts], parameters: StreetParameters, name: str) -> GreyScale:
@@ -71,8 +59,8 @@ def grey_scale(facts: Iterable[Facts], parameters: StreetParameters, name: str) 
     InputError
         When the raster holds only nodata or a single value.
     """
-    sums = _added(facts)
-    counts = sums["value"]
+    facts = list(facts)
+    counts = added(facts, "value")
     filled = np.flatnonzero(counts)
     if filled.size == 0:
         raise InputError(f"{name}: holds nothing but nodata; check the file and its nodata value")
@@ -85,7 +73,7 @@ def grey_scale(facts: Iterable[Facts], parameters: StreetParameters, name: str) 
     plain = GreyScale(darkest, brightest, 0.0, 0.0, 0.0, 0.0)
     grey = np.rint(plain.apply(levels.bin_values(filled)[None])[0]).astype(np.int64)
     split, dark, bright = levels.otsu_classes(_counted(grey, counts[filled]))
-    deviation = noise(sums["difference"]) * LARGEST_GREY / (brightest - darkest)
+    deviation = noise(added(facts, "difference")) * LARGEST_GREY / (brightest - darkest)
     threshold = split + 0.5 if parameters.darkness is None else parameters.darkness
     return GreyScale(darkest, brightest, threshold, dark, bright, deviation)
 
