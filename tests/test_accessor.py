@@ -169,7 +169,7 @@ def test_what_the_array_carried_is_kept(name, chunked):
     source = source.chunk(y=20, x=20) if chunked else source
     result = OPERATORS[name][1](source)
     assert result.attrs == source.attrs
-    assert result.name == "scene"
+    assert result.name == name
     assert result.dims == ("y", "x")
     assert result.chunks == source.chunks
     assert set(result.coords) == set(source.coords)
@@ -333,7 +333,35 @@ def test_any_real_dtype(dtype):
         assert np.array_equal(opened(array(mask)).values, opened(array(STREETS)).values)
 
 
-@pytest.mark.parametrize("weights", [{"sigma": 0.0}, {"sharpness": 1}])
+@pytest.mark.parametrize("place", ["attrs", "encoding"])
+def test_integers_whose_nodata_value_is_nan_have_none(place):
+    whole = np.rint(np.nan_to_num(greys())).astype(np.uint8)
+    raster = array(whole)
+    getattr(raster, place)["_FillValue"] = np.nan
+    for name in ("diffuse", "grow_regions"):
+        found = OPERATORS[name][1](raster)
+        assert np.array_equal(found.values, OPERATORS[name][1](array(whole)).values)
+        assert ("_FillValue" in found.attrs) == (found.dtype.kind == "f")
+
+
+def test_tasks_bear_the_name_of_the_operator():
+    lazy = array(greys()).chunk(y=20, x=20).tilepipe.diffuse(steps=1)
+    assert any(str(key).startswith("diffuse-") for key in lazy.__dask_graph__())
+
+
+@pytest.mark.parametrize("means", [[5], [], 5, [5, 5], [7, 5], [5, np.nan], range(300)])
+def test_means_are_checked_at_once(means):
+    with pytest.raises(InputError, match=r"^means must"):
+        array(greys()).chunk(y=20, x=20).tilepipe.segment(means=means)
+
+
+@pytest.mark.parametrize("deviation", [-1, np.nan])
+def test_a_negative_deviation_is_refused(deviation):
+    with pytest.raises(InputError, match="deviation must be 0 or more"):
+        array(greys()).tilepipe.quadtree(deviation=deviation)
+
+
+@pytest.mark.parametrize("weights", [{"sigma": 0.0}, {"sharpness": 1}, {"levels": 3}, {"beta": "much"}])
 def test_weights_of_the_edges_are_checked_at_once(weights):
     with pytest.raises(InputError, match=f"model of the edges.*{next(iter(weights))}"):
         array(greys()).chunk(y=20, x=20).tilepipe.segment(means=MEANS, **weights)

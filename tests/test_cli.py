@@ -142,7 +142,7 @@ def test_plan(tell, scene, tmp_path, finished):
     code, text, error = tell("streets", scene, "--out", tmp_path / "run", "--tile", 40, *SETTINGS, "--plan")
     assert (code, error) == (0, "")
     assert not (tmp_path / "run").exists()
-    assert text.startswith("streets: 90 × 110 pixels of 1 m (0.0 Mpx), 9 tiles of 40 × 40")
+    assert text.startswith("streets: 110 × 90 pixels of 1 m (0.0 Mpx), 9 tiles of 40 × 40")
     assert [line.split()[0] for line in text.splitlines()[2:-1]] == ["levels", "segment", "lines", "export"]
     assert "limit 8.0 GiB" in text
     assert tell("plan", finished / "run.toml") == (0, text, "")
@@ -208,7 +208,7 @@ def test_a_record_repeats_its_run(tell, tmp_path, finished):
 def test_a_record_of_ones_own_needs_the_inputs_only(tell, tmp_path, scene):
     record = tmp_path / "mine.toml"
     record.write_text(f'command = "streets"\n[inputs]\nrasters = ["{scene}"]\n')
-    assert tell("plan", record)[1].startswith("streets: 90 × 110")
+    assert tell("plan", record)[1].startswith("streets: 110 × 90")
     code, _, error = tell("run", record)
     assert (code, error) == (2, "tilepipe: error: no folder for the run is named: give --out FOLDER\n")
 

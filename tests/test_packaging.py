@@ -157,7 +157,8 @@ def test_scripts_install_once_and_again_when_the_pins_change(checkout: Path) -> 
         result = run(["bash", f"scripts/{script}", "--flag"], checkout, PYTHON="")
         assert result.returncode == 0, result.stderr
         calls = (checkout / "calls").read_text().splitlines()
-        assert calls[-1] == {"demo": "ran -m tilepipe demo --flag", "test": "ran -m pytest --flag"}[script]
+        assert calls[-1].startswith({"demo": "ran -m tilepipe demo", "test": "ran -m pytest"}[script])
+        assert calls[-1].endswith(" --flag")
         return [call.split()[-1] for call in calls if " install " in call]
 
     assert installs("demo") == ["."]

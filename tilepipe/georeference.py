@@ -116,7 +116,7 @@ def check_geometry(
     if abs(a + e) > 1e-6 * a:
         raise InputError(f"{name}: pixels are not square ({a} × {-e}); resample it with gdalwarp -tr {a} {a}")
     if min(shape) < 3:
-        raise InputError(f"{name}: is {shape[0]} × {shape[1]} pixels; at least 3 × 3 are needed")
+        raise InputError(f"{name}: is {shape[1]} × {shape[0]} pixels; at least 3 × 3 are needed")
     metres = float(system.axis_info[0].unit_conversion_factor) if system.axis_info else 1.0
     authority = system.to_authority(min_confidence=100)
     text = ":".join(authority) if authority else system.to_wkt()

@@ -122,8 +122,9 @@ def open_photograph(inputs: Sequence[Any], *, crs: str | None, band: int | None,
     band
         The only band to use; None = all but an alpha band.
     grey
-        ``luminance`` needs red, green and blue; ``principal`` at least two bands; ``automatic`` takes luminance where
-        there are three bands or bands are tagged red, green and blue, else the first principal component.
+        ``luminance`` needs red, green and blue; ``principal`` at least two bands; ``automatic`` takes one band as is,
+        luminance where there are three bands or bands are tagged red, green and blue, else the first principal
+        component.
 
     Raises
     ------
@@ -132,13 +133,13 @@ def open_photograph(inputs: Sequence[Any], *, crs: str | None, band: int | None,
     """
     if not inputs:
         raise InputError("no input image: name at least one file")
-    if band is not None:
-        return Photograph((open_raster(inputs, crs=crs, band=band),), (1.0,), "single band")
-    bands, colours = _colour_bands(inputs[0])
-    if len(bands) == 1:
-        if grey == "principal":
-            raise InputError(f"{_name(inputs[0])}: has one band, of which there is no principal component")
-        return Photograph((open_raster(inputs, crs=crs, band=bands[0]),), (1.0,), "single band")
+    bands, colours = _colour_bands(inputs[0]) if band is None else ([band], None)
+    if len(bands) <= 1:
+        raster = open_raster(inputs, crs=crs, band=bands[0] if bands else None)
+        if grey != "automatic":
+            which = "it has one band" if band is None else f"--band {band} chooses one band"
+            raise InputError(f"{_name(inputs[0])}: {which}, which is grey as it is; leave out --set grey={grey}")
+        return Photograph((raster,), (1.0,), "single band")
     if grey == "luminance" and colours is None:
         raise InputError(
             f"{_name(inputs[0])}: has {len(bands)} bands and none tagged as red, green and blue; "
@@ -158,7 +159,7 @@ def _name(item: Any) -> str:
 
 
 def _colour_bands(item: Any) -> tuple[list[int], list[int] | None]:
-    """Numbers of all bands but alpha, and of red, green and blue where they are known."""
+    """Numbers of all bands but alpha, none where only opening it tells; and of red, green and blue if known."""
     if isinstance(item, (str, Path)) and not Path(item).is_dir():
         import rasterio
         from rasterio.enums import ColorInterp
@@ -168,13 +169,13 @@ def _colour_bands(item: Any) -> tuple[list[int], list[int] | None]:
             with rasterio.open(item) as dataset:
                 meanings = dataset.colorinterp
         except RasterioError:
-            return [1], None  # opening it as a raster says what is wrong
+            return [], None  # opening it as a raster says what is wrong
         bands = [number for number, meaning in enumerate(meanings, 1) if meaning != ColorInterp.alpha]
         named = [ColorInterp.red, ColorInterp.green, ColorInterp.blue]
         if all(meaning in meanings for meaning in named):
             return bands, [meanings.index(meaning) + 1 for meaning in named]
         return bands, bands if len(bands) == 3 else None
-    shape = getattr(item, "shape", (1, 1))
-    count = min(shape) if len(shape) == 3 else 1
+    shape = getattr(item, "shape", ())
+    count = min(shape) if len(shape) == 3 else 0
     bands = list(range(1, count + 1))
     return bands, bands if count == 3 else None

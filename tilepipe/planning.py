@@ -82,11 +82,11 @@ class Plan:
         )
 
     def text(self) -> str:
-        """The plan for people."""
+        """The plan for people: widths before heights."""
         rows, columns = self.shape
-        tiles = f"{counted(self.tiles, 'tile')} of {self.tile_shape[0]} × {self.tile_shape[1]}"
+        tiles = f"{counted(self.tiles, 'tile')} of {self.tile_shape[1]} × {self.tile_shape[0]}"
         lines = [
-            f"{self.command}: {rows} × {columns} pixels of {self.resolution:.3g} m "
+            f"{self.command}: {columns:,} × {rows:,} pixels of {self.resolution:.3g} m "
             f"({rows * columns / 1e6:.1f} Mpx), {tiles}",
             f"{'pass':<12}{'halo (px)':>10}{'read twice':>12}{'memory':>12}",
         ]

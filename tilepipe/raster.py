@@ -224,5 +224,5 @@ def as_dataarray(raster: Raster, *, chunks: int = 2048) -> xr.DataArray:
         "y": geometry.top - half - geometry.pixel * np.arange(geometry.shape[0]),
         "x": geometry.left + half + geometry.pixel * np.arange(geometry.shape[1]),
     }
-    array = xr.DataArray(data, dims=("y", "x"), coords=coords)
+    array = xr.DataArray(data, dims=("y", "x"), coords=coords, name="raster")
     return array.rio.write_crs(geometry.crs).rio.write_nodata(np.nan)  # type: ignore[no-any-return]

@@ -300,7 +300,7 @@ def nodata_of(array: Any) -> float | None:
 
     try:
         nodata = array.rio.nodata
-    except OverflowError:  # no value of this dtype can be that one
+    except (OverflowError, ValueError):  # no value of this dtype can be that one; NaN is no integer
         return None
     return None if nodata is None or np.isnan(nodata) else float(nodata)
 

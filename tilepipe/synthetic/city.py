@@ -75,7 +75,7 @@ class City:
             raise InputError(f"resolution must be 0.05 to 20 m, not {self.resolution}")
         if self.rows * self.columns * self.resolution**2 > LARGEST_AREA:
             raise InputError(
-                f"a city of {self.rows} x {self.columns} pixels is too large; make fewer or smaller pixels"
+                f"a city of {self.columns} × {self.rows} pixels is too large; make fewer or smaller pixels"
             )
         for name in ("trees", "cars", "voids"):
             if not 0 <= getattr(self, name) <= 2:

@@ -1,0 +1,159 @@
+"""Lazy operators of `edges`: levels, line elements between them, and Nevatia–Babu edge elements."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import fields
+from numbers import Real
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from tilepipe.accessor_blocks import BlockOperators
+from tilepipe.errors import InputError
+from tilepipe.grid import Tile
+from tilepipe_kernels import grey_levels, intensity_field, line_field, nevatia_babu
+from tilepipe_kernels.edge_model import MAXIMUM_LEVELS, EdgeModel
+
+_NO_LEVEL = 255
+"""Level and line elements at nodata."""
+
+
+class EdgeOperators(BlockOperators):
+    """Operators on greys and on levels."""
+
+    def segment(
+        self, *, means: Sequence[float], method: intensity_field.Method = "parallel", rounds: int = 24, **weights: Any
+    ) -> xr.DataArray:
+        """Levels of grey values by a Bayesian model; see `tilepipe_kernels.intensity_field.intensity_field`.
+
+        Parameters
+        ----------
+        means
+            Grey value of each level, ascending, two at least.
+        method
+            ``parallel`` (HCF in rounds), ``messages``, ``icm`` or ``annealing``.
+        rounds
+            Most rounds; twice as many pixels around a chunk are read.
+        weights
+            Of the energy: ``potential``, ``beta``, ``sigma``; see `tilepipe_kernels.edge_model.EdgeModel`.
+
+        Returns
+        -------
+        xarray.DataArray of uint8
+            Level 0, 1, …; 255 = nodata.
+
+        Raises
+        ------
+        InputError
+            ``means`` or a weight cannot be used.
+        """
+        greys = _checked_means(means)
+        model = _edge_model(greys.size, weights)
+
+        def function(block: NDArray[Any], tile: Tile) -> NDArray[Any]:
+            observed = grey_levels.to_levels(np.ascontiguousarray(block, np.float32), greys)
+            found = intensity_field.intensity_field(
+                observed, model, method=method, rounds=rounds, origin=tile.padded.origin
+            )
+            return found.labels[tile.core_in_padded.slices]
+
+        return self._map("segment", function, intensity_field.halo(rounds, method=method), np.uint8)
+
+    def line_field(
+        self, *, levels: int, method: line_field.Method = "parallel", rounds: int = line_field.ROUNDS, **weights: Any
+    ) -> xr.DataArray:
+        """Line elements between the pixels of an array of levels; see `tilepipe_kernels.line_field.line_field`.
+
+        Parameters
+        ----------
+        levels
+            Number of levels.
+        method
+            ``parallel`` (HCF in rounds), ``icm`` or ``annealing``.
+        rounds
+            Most rounds; they set how far around a chunk is read.
+        weights
+            Of the energy: ``alpha``, ``gamma``, ``xi``, ``zeta``; see `tilepipe_kernels.edge_model.EdgeModel`.
+
+        Returns
+        -------
+        xarray.DataArray of uint8
+            1 = edge below the pixel, 2 = edge to its right, 3 = both, 255 = nodata.
+
+        Raises
+        ------
+        InputError
+            ``levels`` or a weight cannot be used.
+        """
+        model = _edge_model(levels, weights)
+
+        def function(block: NDArray[Any], tile: Tile) -> NDArray[Any]:
+            labels = np.where(np.isnan(block), _NO_LEVEL, block).astype(np.uint8)
+            found = line_field.line_field(labels, model, method=method, rounds=rounds, origin=tile.padded.origin)
+            lines = found.horizontal | found.vertical << 1
+            lines[labels == _NO_LEVEL] = _NO_LEVEL
+            return lines[tile.core_in_padded.slices]
+
+        # one more, for the elements to the pixels of the neighbours
+        return self._map("line_field", function, line_field.halo(model, rounds, method=method) + 1, np.uint8)
+
+    def nevatia_babu(self, *, threshold: float = 0.0) -> xr.DataArray:
+        """Thinned edge elements by six masks; see `tilepipe_kernels.nevatia_babu.thin_edges`.
+
+        Parameters
+        ----------
+        threshold
+            Least step across an edge, in the unit of the array.
+
+        Returns
+        -------
+        xarray.DataArray of float32
+            Step across the edge at edge elements, 0 elsewhere.
+        """
+
+        def function(block: NDArray[Any], tile: Tile) -> NDArray[Any]:
+            magnitude, direction = nevatia_babu.edge_responses(block)
+            elements = nevatia_babu.thin_edges(magnitude, direction, threshold * nevatia_babu.STEP_RESPONSE)
+            step = np.where(elements != nevatia_babu.NO_DIRECTION, magnitude / nevatia_babu.STEP_RESPONSE, 0)
+            return step.astype(np.float32)[tile.core_in_padded.slices]
+
+        return self._map("nevatia_babu", function, nevatia_babu.halo(), np.float32)
+
+
+def _checked_means(means: Sequence[float]) -> NDArray[np.float64]:
+    """Grey values of the levels.
+
+    Raises
+    ------
+    InputError
+        They are too few or too many, not finite, or do not ascend.
+    """
+    greys = np.array(means, np.float64)
+    if greys.ndim != 1 or not 2 <= greys.size <= MAXIMUM_LEVELS:
+        raise InputError(f"means must be from 2 to {MAXIMUM_LEVELS} grey values, one for each level, not {greys.size}")
+    if not (np.isfinite(greys).all() and (np.diff(greys) > 0).all()):
+        raise InputError(f"means must be finite and ascend, not {means}")
+    return greys
+
+
+def _edge_model(levels: int, weights: dict[str, Any]) -> EdgeModel:
+    """The energy of the operators of edges.
+
+    Raises
+    ------
+    InputError
+        A weight is unknown, or a weight or the number of levels is out of its range.
+    """
+    known = [field.name for field in fields(EdgeModel) if field.name != "levels"]
+    for name, value in weights.items():
+        if name not in known:
+            raise InputError(f"model of the edges has no weight {name}; it has {', '.join(known)}")
+        if name != "potential" and not isinstance(value, Real):
+            raise InputError(f"model of the edges: {name} must be a number, not {value!r}")
+    try:
+        return EdgeModel(levels=levels, **weights)
+    except ValueError as error:
+        raise InputError(f"model of the edges: {error}") from None
