@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
@@ -32,8 +32,8 @@ MANY = 16
 """Labels of the noisy instances."""
 NOISE = 1.0
 """Standard deviation of the noise that they add, in levels."""
-LARGEST_MANY = 1024
-"""Side of the noisy instances in pixels."""
+LARGEST_MANY, LARGEST_CONVEX = 512, 512
+"""Sides of the noisy instances and of the convex one of four labels in pixels."""
 STEPS = 32
 """Different weights of pairs that `minimise` is given at most, which costs messages time; more gain next to nothing."""
 
@@ -149,6 +149,17 @@ class Instance:
         chosen = {name: None if kind is None else kind[rows] for name, kind in (("down", down), ("right", right))}
         return minimise(self.unary[rows], tables, **chosen, origin=(rows.start, 0), **options)
 
+    def corner(self, size: int) -> Instance:
+        """The first ``size`` rows and columns as a problem of its own."""
+        rows, columns = (min(n, size) for n in self.unary.shape[:2])
+        return replace(
+            self,
+            unary=np.ascontiguousarray(self.unary[:rows, :columns]),
+            observed=None if self.observed is None else np.ascontiguousarray(self.observed[:rows, :columns]),
+            down=None if self.down is None else self.down[: rows - 1, :columns],
+            right=None if self.right is None else self.right[:rows, : columns - 1],
+        )
+
     def energy(self, labels: NDArray[Any]) -> float:
         """Energy of labels, in float64."""
         chosen = labels.astype(np.intp)
@@ -217,13 +228,15 @@ def segmentation(data: Path = DATA) -> Instance:
 def instances(grey: Grey, data: Path = DATA) -> Sequence[Callable[[], Instance]]:
     """All instances, each made when called."""
 
-    def photograph(count: int, potential: Literal["quadratic", "reciprocal"]) -> Instance:
-        return of_model(f"K = {count}, {potential}", grey.observed(count), EdgeModel(count, potential))
+    def photograph(count: int, potential: Literal["quadratic", "reciprocal"], size: int = 1 << 30) -> Instance:
+        observed = grey.part(size).observed(count)
+        return of_model(f"K = {count}, {potential}", observed, EdgeModel(count, potential))
 
     return (
         lambda: photograph(2, "reciprocal"),
         lambda: photograph(2, "quadratic"),
         lambda: photograph(4, "reciprocal"),
+        lambda: photograph(4, "quadratic", LARGEST_CONVEX),
         lambda: truncated(noisy(grey)),
         lambda: of_model(
             f"K = {MANY}, reciprocal", noisy(grey), EdgeModel(MANY, sigma=NOISE), f"{_NOISY} β = 1, σ = 1"

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks import edge_cuts
 from benchmarks.edge_instances import Field, Instance
-from benchmarks.harness import Build, Call, Case, Contestant, Measurement, Unsuitable, measure
+from benchmarks.harness import Build, Call, Case, Contestant, Measurement, measure
 from benchmarks.machine import Machine
 from benchmarks.scenes import Band, over_bands
 from benchmarks.tables import Table, number
@@ -23,19 +24,20 @@ AIM = 20.0
 
 PARALLEL, ICM = "parallel HCF", "ICM"
 EXACT = "PyMaxflow, minimum cut"
-LARGEST_COST = 5e6
-"""Whole numbers that stand for the largest cost of gco, whose energies are integers below 10⁷."""
+COMPILED = 48
+"""Side of the part of an instance on which ours is compiled before it is timed."""
 
 Kept = dict[str, NDArray[Any]]
 
 LEGEND = (
     "Every contestant minimises the same energy; what it found is evaluated in float64. Ours runs as on tiles: a band "
     "of rows with its halo per core, the same labels as in one block. *seconds* are medians of all cores and of one; "
-    "serial HCF and the peers know one core only. *above the least* is the distance to the lowest energy that any of "
-    "them reached, as a share of its absolute value; for K = 2 that is the exact minimum. The reciprocal "
-    "potential counts -β for each pair of equal labels, which makes |U| large: *of the gap* knows no such offset, it "
+    "serial HCF and the peers know one core only; what takes long was run once, on all cores. *above the least* is the "
+    "distance to the lowest energy that any of them reached, as a share of its absolute value; with PyMaxflow's cut "
+    "that is the exact minimum, which such a cut finds for two labels or a convex potential. The reciprocal potential "
+    "counts -β for each pair of equal labels, which makes |U| large: *of the gap* knows no such offset, it "
     "is the share of the way from the energy of ICM to the lowest. gco's costs are rounded to "
-    f"{LARGEST_COST:.0e} parts of the largest."
+    f"{edge_cuts.LARGEST_COST:.0e} parts of the largest."
 )
 
 
@@ -97,8 +99,8 @@ def run_instance(
 
 def _case(instance: Instance, kept: Kept, sweeps: Sequence[int]) -> Case:
     def ours(name: str, method: Method, **options: Any) -> Contestant:
-        build = _tiles(instance, method, options)
-        return Contestant(name, _keeping(build, name, kept), ours=True, serial=method == "serial")
+        build, small = (_tiles(part, method, options) for part in (instance, instance.corner(COMPILED)))
+        return Contestant(name, _keeping(build, name, kept), ours=True, serial=method == "serial", small=small)
 
     def peer(name: str, build: Build, note: str = "") -> Contestant:
         return Contestant(name, _keeping(build, name, kept), serial=True, note=note)
@@ -114,9 +116,9 @@ def _case(instance: Instance, kept: Kept, sweeps: Sequence[int]) -> Case:
         ours(ICM, "icm"),
         *(ours(f"annealing, {n} sweeps", "annealing", annealing=schedule(n)) for n in sweeps),
         *(ours(f"messages, {n} rounds", "messages", messages=n) for n in (MESSAGES, 4 * MESSAGES)),
-        peer(EXACT, lambda: _minimum_cut(instance), "exact"),
-        peer("gco, one cycle", lambda: _expansion(instance, 1), "α-expansion"),
-        peer("gco, to the end", lambda: _expansion(instance, -1), "α-expansion"),
+        peer(EXACT, lambda: edge_cuts.minimum_cut(instance), "exact"),
+        peer("gco, one cycle", lambda: edge_cuts.expansion(instance, 1), "α-expansion"),
+        peer("gco, to the end", lambda: edge_cuts.expansion(instance, -1), "α-expansion"),
     ]
     rows, columns, count = instance.unary.shape
     # grey values where U follows from them, else U; labels
@@ -152,65 +154,6 @@ def _tiles(instance: Instance, method: Method, options: dict[str, Any]) -> Build
         return np.concatenate(over_bands(band, rows, halo(method=method, **options), workers))
 
     return lambda: run
-
-
-# ------------------------------------------------------------------------------------------------- peers
-
-
-def _minimum_cut(instance: Instance) -> Call:
-    import maxflow
-
-    if instance.labels != 2:
-        raise Unsuitable("a minimum cut has two labels; α-expansion is not in it")
-    table = instance.table
-    if not table[0, 0] == table[1, 1] <= table[0, 1]:
-        raise Unsuitable("the potential prefers different labels")
-    zero, one = (np.ascontiguousarray(instance.unary[..., label], np.float64) for label in (0, 1))
-
-    def run(workers: int) -> Field:
-        graph = maxflow.GraphFloat()
-        nodes = graph.add_grid_nodes(zero.shape)
-        graph.add_grid_edges(nodes, table[0, 1] - table[0, 0])
-        graph.add_grid_tedges(nodes, one, zero)
-        graph.maxflow()
-        return graph.get_grid_segments(nodes).astype(np.uint8)
-
-    return run
-
-
-def _expansion(instance: Instance, cycles: int) -> Call:
-    import gco
-
-    # a potential is a metric up to its value for equal labels, which costs all labellings the same
-    table = instance.table - instance.table.diagonal().max()
-    rows, columns, _ = instance.unary.shape
-    weights = [np.ones((rows - 1, columns)), np.ones((rows, columns - 1))]
-    unit = 1.0
-    if instance.down is not None and instance.right is not None:
-        weights = [instance.down, instance.right]
-        unit = LARGEST_COST / max(float(instance.unary.max()), *(float(weight.max()) for weight in weights))
-        scale = unit
-    else:
-        scale = LARGEST_COST / max(float(instance.unary.max()), float(table.max()))
-        table = table * scale
-    # rounded up a metric stays one
-    whole = np.ceil(np.round(table, 6)).astype(np.int32)
-    if not _is_metric(whole):
-        raise Unsuitable("the potential is no metric, which α-expansion needs")
-    unary = np.rint(instance.unary * scale).astype(np.int32)
-    costs = [np.rint(weight * unit).astype(np.int32) for weight in weights]
-
-    def run(workers: int) -> Field:
-        found = gco.cut_grid_graph(unary, whole, *costs, n_iter=cycles, algorithm="expansion")
-        return found.reshape(rows, columns).astype(np.uint8)
-
-    return run
-
-
-def _is_metric(table: NDArray[np.int32]) -> bool:
-    """Whether V(a, a) = 0 <= V(a, c) <= V(a, b) + V(b, c) for all labels."""
-    triangles = table[:, None, :] <= table[:, :, None] + table[None]
-    return not table.diagonal().any() and bool((table >= 0).all() and triangles.all())
 
 
 # ------------------------------------------------------------------------------------------------- table
@@ -253,7 +196,7 @@ def _cells(each: Solved, least: float, icm: float, machine: Machine) -> list[str
     gap = (icm - each.energy) / (icm - least) if icm > least else math.nan
     return [
         f"{case.work / rate:.3g}",
-        f"{case.work / measurement.rate(case, one_core=True):.3g}",
+        f"{case.work / measurement.rate(case, one_core=True):.3g}" if measurement.one_core else "–",
         number(rate),
         "" if measurement.peak is None else f"{measurement.peak / 2**20:.0f}",
         f"{share:.1%}" if share >= 0.001 else "< 0.1%",

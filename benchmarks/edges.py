@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from benchmarks import edge_accuracy, edge_lines, edge_optimisers, edge_pipeline
+from benchmarks import edge_accuracy, edge_lines, edge_optimiser_picture, edge_optimisers, edge_pipeline
 from benchmarks.commands import stage_table
 from benchmarks.edge_accuracy import Accuracy
 from benchmarks.edge_instances import aerial, instances
@@ -26,8 +26,10 @@ IMAGE_SIZE, QUICK_IMAGE_SIZE = 4096, 256
 ACCURACY_SIZE, QUICK_ACCURACY_SIZE = 2048, 512
 SWEEPS, QUICK_SWEEPS = (20, 100), (10,)
 PARTS = ("optimisers", "lines", "pipeline")
-PATIENCE = 10.0
-"""Seconds; a slower call is timed once."""
+LARGEST_OPTIMISED = 1024
+"""Side of the image of optimisers in pixels."""
+PATIENCE, OPTIMISER_PATIENCE = 10.0, 1.0
+"""Seconds; a slower call is timed once.  An optimiser is a matter of energies first."""
 
 AIMS = (
     f"Aims, on all cores: {edge_optimisers.AIM:g} Mpx/s of parallel HCF for the levels of an image at K = 2, "
@@ -85,7 +87,7 @@ def run_edges(
     sizes
         Sides of the pipeline's synthetic cities in pixels.
     image_size
-        Side of the image of optimisers and lines.
+        Side of the image of optimisers, of which they see at most `LARGEST_OPTIMISED`, and lines.
     accuracy_size
         Side of the city whose edges are scored.
     sweeps
@@ -116,6 +118,10 @@ def run_edges(
     options = _Options(machine, repetitions, peers, data, scratch)
     if "optimisers" in parts:
         page += _optimisers(found, options, image_size, sweeps)
+        if results is not None:
+            path = edge_optimiser_picture.picture(found.solved, results)
+            page += [f"![Energy against time of every optimiser]({path.name})", ""]
+            print(path)
     if "lines" in parts:
         page += _lines(found, options, image_size, accuracy_size)
     if "pipeline" in parts:
@@ -126,7 +132,7 @@ def run_edges(
 
 
 def _optimisers(found: Measured, options: _Options, size: int, sweeps: Sequence[int]) -> list[str]:
-    grey = aerial(size, options.data)
+    grey = aerial(min(size, LARGEST_OPTIMISED), options.data)
     image = f"Image: {grey.source}, {grey.values.shape[0]} × {grey.values.shape[1]} pixels."
     absent = []
     for make in instances(grey, options.data):
@@ -138,7 +144,7 @@ def _optimisers(found: Measured, options: _Options, size: int, sweeps: Sequence[
         found.solved.append(
             edge_optimisers.run_instance(
                 instance, workers=options.machine.cores, repetitions=options.repetitions, peers=options.peers,
-                sweeps=sweeps, patience=PATIENCE,
+                sweeps=sweeps, patience=OPTIMISER_PATIENCE,
             )
         )  # fmt: skip
     table = edge_optimisers.optimiser_table(found.solved, options.machine)
@@ -159,7 +165,9 @@ def _lines(found: Measured, options: _Options, size: int, accuracy_size: int) ->
         options.machine,
     )  # fmt: skip
     page = [*_shown(table), edge_lines.LEGEND, LEGEND, ""]
-    found.accuracy += edge_accuracy.run_accuracy(accuracy_size, workers=workers, peers=options.peers)
+    for accuracy in edge_accuracy.run_accuracy(accuracy_size, workers=workers, peers=options.peers):
+        found.accuracy.append(accuracy)
+        print(f"accuracy: {accuracy.name}", flush=True)
     table = edge_accuracy.accuracy_table(found.accuracy, accuracy_size)
     return [*page, *_shown(table), edge_accuracy.LEGEND, ""]
 
@@ -187,9 +195,16 @@ def _run_scene(found: Measured, options: _Options, name: str, size: int) -> None
             # the first start compiles
             watch(edge_pipeline.ours(scene, folder / "run"))
         found.scenes.append(scene)
-        found.outcomes.append(edge_pipeline.run_ours(scene, folder / "run", options.repetitions))
+        found.outcomes.append(_told(edge_pipeline.run_ours(scene, folder / "run", options.repetitions)))
         if options.peers:
-            found.outcomes += edge_pipeline.run_rivals(scene, folder, options.repetitions)
+            for outcome in edge_pipeline.run_rivals(scene, folder, options.repetitions):
+                found.outcomes.append(_told(outcome))
+
+
+def _told(outcome: Outcome) -> Outcome:
+    seconds = f"skipped: {outcome.skipped}" if outcome.skipped else f"{outcome.seconds:.3g} s"
+    print(f"{outcome.scene.name}: {outcome.contestant.replace('**', '')}, {seconds}", flush=True)
+    return outcome
 
 
 def _shown(table: Table) -> list[str]:

@@ -7,9 +7,11 @@ from __future__ import annotations
 
 import ctypes
 import gc
+import math
 import statistics
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -43,6 +45,8 @@ class Contestant:
         Share of the case's work that it does, for those too slow to do all of it.
     note
         What else a reader must know.
+    small
+        Makes the same call for a small input, which compiles whatever the large one needs.
     """
 
     name: str
@@ -51,6 +55,12 @@ class Contestant:
     serial: bool = False
     share: float = 1.0
     note: str = ""
+    small: Build | None = None
+
+    @property
+    def compiled(self) -> bool:
+        """Whether nothing is left to compile in the first call of `build`."""
+        return self.small is not None or not self.ours
 
 
 @dataclass(frozen=True)
@@ -83,7 +93,10 @@ class Case:
 
 @dataclass(frozen=True)
 class Measurement:
-    """Times of one contestant in seconds, per number of threads; ``skipped`` says why there are none."""
+    """Times of one contestant in seconds, per number of threads; ``skipped`` says why there are none.
+
+    Where it was too slow to be asked again, there are none of one core.
+    """
 
     contestant: Contestant
     all_cores: list[float] = field(default_factory=list)
@@ -92,8 +105,10 @@ class Measurement:
     skipped: str = ""
 
     def rate(self, case: Case, *, one_core: bool = False, best: bool = False) -> float:
-        """Millions of units per second, of the median or the shortest time."""
+        """Millions of units per second, of the median or the shortest time; NaN where it was not timed."""
         times = self.one_core if one_core else self.all_cores
+        if not times:
+            return math.nan
         seconds = min(times) if best else statistics.median(times)
         return case.work * self.contestant.share / seconds
 
@@ -114,42 +129,91 @@ def measure(
     peers
         Whether the peers run too.
     patience
-        Seconds; a contestant whose warm-up takes longer is timed by a single round, its memory not at all.
+        Seconds; a contestant whose warm-up takes longer is timed by that very call, one core and memory are not
+        measured.  Where it may have compiled too, a second call decides.
 
     Returns
     -------
     list of Measurement
         In the order of the contestants.
     """
-    found = [_warmed_up(contestant, workers, peers) for contestant in case.contestants]
-    for number in range(repetitions):
-        for measurement, call, warm in found:
-            if call is None or (number > 0 and warm > patience):
-                continue
+    with _frozen():
+        found = [_warmed_up(contestant, workers, peers, patience) for contestant in case.contestants]
+    with _frozen():
+        return _timed(case, found, workers, repetitions, patience)
+
+
+@contextmanager
+def _frozen() -> Iterator[None]:
+    """What is there already is left out of the collections before each call, which would walk it every time."""
+    gc.collect()
+    gc.freeze()
+    try:
+        yield
+    finally:
+        gc.unfreeze()
+
+
+def _timed(
+    case: Case,
+    found: Sequence[tuple[Measurement, Call | None, float]],
+    workers: int,
+    repetitions: int,
+    patience: float,
+) -> list[Measurement]:
+    """Time the contestants that are warmed up."""
+    swift = []
+    for measurement, call, warm in found:
+        contestant = measurement.contestant
+        if call is None:
+            _tell(case, contestant, f"skipped: {measurement.skipped}")
+        elif warm <= patience:
+            swift.append((measurement, call))
+        else:
+            measurement.all_cores.append(warm)
+            _tell(case, contestant, f"{warm:.3g} s, once")
+    for _ in range(repetitions):
+        for measurement, call in swift:
             measurement.all_cores.append(_seconds(call, workers))
             if workers > 1 and not measurement.contestant.serial:
                 measurement.one_core.append(_seconds(call, 1))
+    peaks = {}
+    for measurement, call in swift:
+        _tell(case, measurement.contestant, f"{statistics.median(measurement.all_cores):.3g} s")
+        peaks[measurement.contestant.name] = _peak_memory(call, workers)
     return [
         replace(
             m,
-            one_core=m.one_core or m.all_cores,
-            peak=_peak_memory(call, workers) if call and warm <= patience else None,
+            one_core=m.all_cores if m.contestant.serial or workers == 1 else m.one_core,
+            peak=peaks.get(m.contestant.name),
         )
-        for m, call, warm in found
+        for m, _, _ in found
     ]
 
 
-def _warmed_up(contestant: Contestant, workers: int, peers: bool) -> tuple[Measurement, Call | None, float]:
-    """Build and call once: compilers, caches and lazy imports are not measured."""
+def _tell(case: Case, contestant: Contestant, what: str) -> None:
+    """A line of progress."""
+    print(f"{case.name}: {contestant.name}, {what}", flush=True)
+
+
+def _warmed_up(
+    contestant: Contestant, workers: int, peers: bool, patience: float
+) -> tuple[Measurement, Call | None, float]:
+    """Build and call once, so that compilers, caches and lazy imports are not measured; also the seconds it took."""
     if not (contestant.ours or peers):
         return Measurement(contestant, skipped="peers were not asked for"), None, 0.0
     try:
+        if contestant.small is not None:
+            contestant.small()(workers)
         call = contestant.build()
     except ImportError as error:
         return Measurement(contestant, skipped=f"not installed: {error.name or error}"), None, 0.0
     except Unsuitable as reason:
         return Measurement(contestant, skipped=str(reason)), None, 0.0
-    return Measurement(contestant), call, _seconds(call, workers)
+    seconds = _seconds(call, workers)
+    if seconds > patience and not contestant.compiled:
+        seconds = _seconds(call, workers)
+    return Measurement(contestant), call, seconds
 
 
 def _seconds(call: Call, workers: int) -> float:

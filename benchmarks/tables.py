@@ -61,7 +61,7 @@ def comparison(title: str, results: Sequence[tuple[Case, list[Measurement]]], ma
     for case, measurements in results:
         ranked = [m for m in measurements if m.all_cores and not m.contestant.ours]
         peer = max((m.rate(case) for m in ranked), default=math.nan)
-        peer_core = max((m.rate(case, one_core=True) for m in ranked), default=math.nan)
+        peer_core = max((m.rate(case, one_core=True) for m in ranked if m.one_core), default=math.nan)
         for number, measurement in enumerate(measurements):
             name = case.name if number == 0 else ""
             table.rows.append([name, *_cells(case, measurement, peer, peer_core, machine)])
@@ -84,7 +84,7 @@ def _cells(case: Case, measurement: Measurement, peer: float, peer_core: float, 
         number(measurement.rate(case, best=True)),
         number(core),
         f"{number(rate / peer)} ×" if contestant.ours and not math.isnan(peer) else "",
-        f"{number(core / peer_core)} ×" if contestant.ours and not math.isnan(peer) else "",
+        f"{number(core / peer_core)} ×" if contestant.ours and not math.isnan(core / peer_core) else "",
         "" if measurement.peak is None else f"{measurement.peak / 2**20:.0f}",
         f"{bandwidth:.0%}" if bandwidth >= 0.01 else "< 1%",
         "; ".join(filter(None, notes)),

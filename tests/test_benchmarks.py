@@ -30,8 +30,9 @@ def unsuitable() -> object:
 def test_every_case_of_ours_runs_on_a_tiny_scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("benchmarks.kernels.describe_machine", lambda: MACHINE)
     measured = run_kernels(
-        size=192, engine_size=192, repetitions=1, peers=False, scratch=tmp_path, results=tmp_path / "results"
-    )
+        size=128, engine_size=128, repetitions=1, peers=False, patience=math.inf, scratch=tmp_path,
+        results=tmp_path / "results",
+    )  # fmt: skip
     assert len(measured) == 15
     for case, measurements in measured:
         ours = [m for m in measurements if m.contestant.ours]
@@ -69,6 +70,27 @@ def test_contestants_take_turns_and_the_missing_are_named() -> None:
     rows = comparison("t", [(case, found)], MACHINE).rows
     assert rows[0][:2] == ["case", "**ours**"] and rows[0][5].endswith("×") and "reached" in rows[0][-1]
     assert rows[2][-1] == "skipped: not installed: nothing"
+
+
+def test_the_slow_are_timed_once_after_a_small_call_has_compiled(capsys: pytest.CaptureFixture[str]) -> None:
+    calls: list[str] = []
+
+    def build(name: str):
+        return lambda: lambda workers: calls.append(name)
+
+    contestants = [
+        Contestant("large", build("large"), ours=True, small=build("small")),
+        Contestant("peer", build("peer")),
+        # the first call of this one may have compiled
+        Contestant("plain", build("plain"), ours=True),
+    ]
+    case = Case("case", "Mpx/s", 1.0, 8, contestants)
+    found = measure(case, workers=2, repetitions=3, patience=-1.0)
+    assert calls == ["small", "large", "peer", "plain", "plain"]
+    assert all(len(m.all_cores) == 1 and not m.one_core and m.peak is None for m in found)
+    assert math.isnan(found[0].rate(case, one_core=True))
+    assert [row[4] for row in comparison("t", [(case, found)], MACHINE).rows] == ["–"] * 3
+    assert capsys.readouterr().out.count(" s, once\n") == 3
 
 
 def test_peak_memory_counts_what_a_call_allocates() -> None:

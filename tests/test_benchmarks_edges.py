@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import itertools
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
 
-from benchmarks import edge_accuracy, edge_instances, edge_lines, edge_optimisers, edge_rivals
+from benchmarks import edge_accuracy, edge_cuts, edge_instances, edge_lines, edge_rivals
 from benchmarks.commands import stage_table
 from benchmarks.edge_instances import Grey, Instance, aerial, of_model, segmentation
 from benchmarks.edge_optimisers import EXACT, ICM, PARALLEL, optimiser_table, run_instance
@@ -17,8 +18,10 @@ from benchmarks.edges import run_edges
 from benchmarks.harness import Unsuitable
 from benchmarks.machine import Machine
 from benchmarks.watch import Watched
+from tests.commands_here import run_commands_here
 from tilepipe_kernels.edge_energy import energy
 from tilepipe_kernels.edge_model import EdgeModel
+from tilepipe_kernels.intensity_field import Method
 
 MACHINE = Machine("a processor", 2, 8 << 30, "3.11", {"numpy": "2"}, "2026-01-01", 0.0, 1e9)
 
@@ -74,25 +77,61 @@ def test_graph_cuts_find_the_minimum() -> None:
     pytest.importorskip("gco")
     instance = small(2, 3)
     least = min(instance.energy(np.reshape(x, (3, 3))) for x in itertools.product((0, 1), repeat=9))
-    assert instance.energy(edge_optimisers._expansion(instance, -1)(1)) == pytest.approx(least, abs=1e-5)
+    assert instance.energy(edge_cuts.expansion(instance, -1)(1)) == pytest.approx(least, abs=1e-5)
     y = np.random.default_rng(2).uniform(0, 1, (3, 3)).astype(np.float32)
     for potential in ("reciprocal", "quadratic"):
         model = of_model("x", y, EdgeModel(2, potential, sigma=1.0))  # type: ignore[arg-type]
         least = min(model.energy(np.reshape(x, (3, 3))) for x in itertools.product((0, 1), repeat=9))
-        for found in (edge_optimisers._minimum_cut(model), edge_optimisers._expansion(model, -1)):
+        for found in (edge_cuts.minimum_cut(model), edge_cuts.expansion(model, -1)):
             assert model.energy(found(1)) == pytest.approx(least, abs=1e-4)
+
+
+def test_a_cut_of_layers_finds_the_minimum_of_a_convex_potential() -> None:
+    pytest.importorskip("maxflow")
+    random = np.random.default_rng(3)
+    distance = np.abs(np.subtract.outer(np.arange(4), np.arange(4)))
+    # second differences: one everywhere; none at first; none after; equal labels that cost something
+    for steps in ([0, 1, 4, 9], [0, 1, 2, 5], [0, 2, 4, 6], [-1, 0, 2, 5]):
+        instance = Instance("x", random.uniform(0, 9, (2, 3, 4)).astype(np.float32), np.array(steps, float)[distance])
+        least = min(instance.energy(np.reshape(x, (2, 3))) for x in itertools.product(range(4), repeat=6))
+        assert instance.energy(edge_cuts.minimum_cut(instance)(1)) == pytest.approx(least, abs=1e-5)
+
+
+def test_no_optimiser_is_below_the_exact_minimum() -> None:
+    pytest.importorskip("maxflow")
+    instance = of_model("K = 4", aerial(48, Path("nowhere")).observed(4), EdgeModel(4, "quadratic"))
+    least = instance.energy(edge_cuts.minimum_cut(instance)(1))
+    for method in get_args(Method):
+        found = instance.energy(instance.solve(slice(0, 48), method=method).labels)
+        assert least - 1e-3 <= found < 1.05 * least, method
+
+
+def test_a_corner_is_a_problem_of_its_own() -> None:
+    instance = small(3, 6)
+    labels = np.random.default_rng(0).integers(0, 3, (6, 6))
+    corner = instance.corner(2)
+    assert instance.down is not None and instance.right is not None
+    pairs = [((0, 0), (1, 0), instance.down[0, 0]), ((0, 1), (1, 1), instance.down[0, 1])]
+    pairs += [((0, 0), (0, 1), instance.right[0, 0]), ((1, 0), (1, 1), instance.right[1, 0])]
+    expected = sum(instance.unary[place][labels[place]] for place in np.ndindex(2, 2))
+    expected += sum(weight * (labels[one] != labels[other]) for one, other, weight in pairs)
+    assert corner.energy(labels[:2, :2]) == pytest.approx(expected)
+    observed = of_model("x", np.zeros((5, 4), np.float32), EdgeModel(2)).corner(3)
+    assert observed.observed is not None and observed.observed.shape == (3, 3)
 
 
 def test_graph_cuts_are_not_asked_for_what_they_cannot_do() -> None:
     pytest.importorskip("maxflow")
     pytest.importorskip("gco")
     y = np.zeros((3, 3), np.float32)
-    with pytest.raises(Unsuitable, match="two labels"):
-        edge_optimisers._minimum_cut(of_model("x", y, EdgeModel(3)))
+    with pytest.raises(Unsuitable, match="not convex"):
+        edge_cuts.minimum_cut(of_model("x", y, EdgeModel(3)))
+    with pytest.raises(Unsuitable, match="one potential"):
+        edge_cuts.minimum_cut(small())
     with pytest.raises(Unsuitable, match="no metric"):
-        edge_optimisers._expansion(of_model("x", y, EdgeModel(3, "quadratic")), -1)
+        edge_cuts.expansion(of_model("x", y, EdgeModel(3, "quadratic")), -1)
     for instance in (edge_instances.truncated(y), of_model("x", y, EdgeModel(16))):
-        edge_optimisers._expansion(instance, -1)
+        edge_cuts.expansion(instance, -1)
 
 
 def test_optimisers_and_their_table() -> None:
@@ -205,13 +244,15 @@ def test_table_of_the_pipeline() -> None:
 @pytest.mark.slow
 def test_ours_run_on_a_tiny_scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("benchmarks.edges.describe_machine", lambda: MACHINE)
+    run_commands_here(monkeypatch, "benchmarks.edges", "benchmarks.commands")
     found = run_edges(
-        sizes=[128], image_size=64, accuracy_size=96, sweeps=[2], repetitions=1, peers=False, data=tmp_path,
+        sizes=[128], image_size=48, accuracy_size=64, sweeps=[2], repetitions=1, peers=False, data=tmp_path,
         scratch=tmp_path, results=tmp_path / "results",
     )  # fmt: skip
     page = (tmp_path / "results" / "edges.md").read_text()
-    assert len(found.solved) == 5 and len(found.lines) == 3 and len(found.outcomes) == 1
+    assert len(found.solved) == 6 and len(found.lines) == 3 and len(found.outcomes) == 1
     assert found.outcomes[0].lines > 0 and found.outcomes[0].precision > 0
     assert "Skipped: scene photograph" in page and "Skipped: the Potts energy" in page
     assert "Aims, on all cores" in page and "| city 128², 0.016 Mpx | **tilepipe edges** |" in page
+    assert "](edges-optimisers.png)" in page and (tmp_path / "results" / "edges-optimisers.png").stat().st_size > 10_000
     assert [path.name for path in tmp_path.iterdir()] == ["results"]

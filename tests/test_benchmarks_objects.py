@@ -21,6 +21,7 @@ from benchmarks.object_scenes import ObjectScene, prepare
 from benchmarks.object_tables import building_table, partition_table, speed_table, verdict
 from benchmarks.objects import run_objects
 from benchmarks.watch import Watched
+from tests.commands_here import run_commands_here
 from tilepipe_kernels.car import CarModel, sample
 
 MACHINE = Machine("a processor", 2, 8 << 30, "3.11", {"numpy": "2"}, "2026-01-01", 0.0, 1e9)
@@ -150,8 +151,9 @@ def test_tables_and_words() -> None:
 @pytest.mark.slow
 def test_ours_run_on_a_tiny_scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("benchmarks.objects.describe_machine", lambda: MACHINE)
+    run_commands_here(monkeypatch, "benchmarks.objects", "benchmarks.commands")
     found = run_objects(
-        sizes=[128], scenes=["city", "amsterdam"], nodes=[400], kernel_size=192, updates=4e4, repetitions=1,
+        sizes=[128], scenes=["city", "amsterdam"], nodes=[400], kernel_size=128, updates=1e4, repetitions=1,
         peers=False, data=tmp_path, scratch=tmp_path, results=tmp_path / "results",
     )  # fmt: skip
     page = (tmp_path / "results" / "objects.md").read_text()
