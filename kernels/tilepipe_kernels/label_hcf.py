@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from .compiled import loop
 from .hcf import comes_before
 from .label_hcf_dense import DENSE_LABELS, change_first, cost_planes, find_stabilities
-from .labelling import Field, Floats, Labelling, Place, Sites, rank_of, stability
+from .label_stability import rank_of, stability
+from .labelling import Field, Floats, Labelling, Place, Sites
 
 _INFINITY = np.float32(np.inf)
 
@@ -49,11 +50,12 @@ def _comes_first(stabilities: Floats, row: int, column: int, stride: int, p: Pla
 def _find_stabilities(problem: Labelling, labels: Field, stabilities: Floats, best: Field) -> None:
     """Compute the stability of all sites that want to change; it is infinite for the others."""
     unary, tables, down, right = problem.unary, problem.tables, problem.down, problem.right
+    down_weight, right_weight = problem.down_weight, problem.right_weight
     stride, none, exists = problem.stride, unary.shape[1], problem.exists
     for p in range(labels.size):
         stabilities[p] = _INFINITY
         if exists[p]:
-            g, best[p] = stability(unary, tables, down, right, labels, stride, none, p)
+            g, best[p] = stability(unary, tables, down, right, down_weight, right_weight, labels, stride, none, p)
             stabilities[p] = g if labels[p] == none or g < 0 else _INFINITY
 
 
@@ -81,6 +83,7 @@ def _dense_rounds(problem: Labelling, labels: Field, stabilities: Floats, best: 
 def _listed_rounds(problem: Labelling, labels: Field, stabilities: Floats, best: Field, cap: int) -> tuple[int, Sites]:
     """Rounds over a list of the sites that want to change."""
     unary, tables, down, right = problem.unary, problem.tables, problem.down, problem.right
+    down_weight, right_weight = problem.down_weight, problem.right_weight
     sites, stride, none = labels.size, problem.stride, unary.shape[1]
     row, column, exists = problem.row, problem.column, problem.exists
     waiting, changing = np.empty(sites, np.int32), np.empty(sites, np.int32)
@@ -106,7 +109,7 @@ def _listed_rounds(problem: Labelling, labels: Field, stabilities: Floats, best:
                     continue
                 renewed_in[p] = rounds
                 listed = stabilities[p] < _INFINITY
-                g, best[p] = stability(unary, tables, down, right, labels, stride, none, p)
+                g, best[p] = stability(unary, tables, down, right, down_weight, right_weight, labels, stride, none, p)
                 stabilities[p] = g if labels[p] == none or g < 0 else _INFINITY
                 if not listed and g < 0:
                     waiting[count] = p
@@ -140,7 +143,7 @@ def parallel_rounds(problem: Labelling, labels: Field, cap: int) -> tuple[int, S
     stabilities, best = np.empty(labels.size, np.float32), np.zeros(labels.size, np.uint8)
     none = problem.unary.shape[1]
     rounds = 0
-    if none <= DENSE_LABELS and problem.tables.shape[0] == 2:
+    if none <= DENSE_LABELS and problem.tables.shape[0] == 2 and problem.down_weight.size == 0:
         rounds = _dense_rounds(problem, labels, stabilities, best, cap)
     else:
         _find_stabilities(problem, labels, stabilities, best)
@@ -198,6 +201,7 @@ def serial_changes(problem: Labelling, labels: Field) -> int:
     Ties go by rank, as in the parallel form.  Returns the number of changes.
     """
     unary, tables, down, right = problem.unary, problem.tables, problem.down, problem.right
+    down_weight, right_weight = problem.down_weight, problem.right_weight
     sites, stride, none = labels.size, problem.stride, unary.shape[1]
     exists = problem.exists
     stabilities, best = np.empty(sites, np.float32), np.zeros(sites, np.uint8)
@@ -220,7 +224,7 @@ def serial_changes(problem: Labelling, labels: Field) -> int:
         changes += 1
         for p in (centre, centre - stride, centre - 1, centre + 1, centre + stride):
             if exists[p]:
-                g, best[p] = stability(unary, tables, down, right, labels, stride, none, p)
+                g, best[p] = stability(unary, tables, down, right, down_weight, right_weight, labels, stride, none, p)
                 stabilities[p] = g if labels[p] == none or g < 0 else _INFINITY
                 higher = _move_up(heap, place, stabilities, ranks, np.int64(place[p]))
                 _move_down(heap, place, stabilities, ranks, higher)

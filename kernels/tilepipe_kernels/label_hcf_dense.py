@@ -1,7 +1,7 @@
-"""Rounds of parallel HCF over whole rows, for up to four labels and one table of pairs (see `label_hcf`).
+"""Rounds of parallel HCF over whole rows, for up to four labels and one table, no weights (see `label_hcf`).
 
 At first nearly every site wants to change, and a pass over rows that vectorises beats a list.  Costs and energies lie
-in one plane for each label; energies are summed in the order of `labelling.stability`, so that both give the same
+in one plane for each label; energies are summed in the order of `label_stability.stability`, so that both give the same
 bits.  The loops are over few arrays each, or LLVM would not vectorise them.
 """
 

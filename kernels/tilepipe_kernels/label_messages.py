@@ -1,31 +1,50 @@
 """Min-sum messages on a labelling problem: what a site's neighbourhood as a whole would have its label be.
 
-Tree-reweighted message passing (Wainwright, Jaakkola & Willsky 2005; as min-sum in Kolmogorov 2006, eq. 3).  The grid
-is the mean of two forests, its rows and its columns: every site is in both, every pair in one, so ρ = 1/2 and
+Reweighted message passing (Wainwright, Jaakkola & Willsky 2005; as min-sum in Kolmogorov 2006, eq. 3):
 
-    M_st(x_t) = min over x_s of  U_s(x_s) + ρ Σ_r M_rs(x_s) - M_ts(x_s) + V_st(x_s, x_t)/ρ,   less its least value;
+    M_st(x_t) = min over x_s of  U_s(x_s) + ρ Σ_r M_rs(x_s) - M_ts(x_s) + w_st V_st(x_s, x_t)/ρ,  less its least value;
 
-each site takes the label that minimises U + ρ Σ M.  The sites of one colour of the checkerboard send at a time: a
-message then never waits for another of its own round, and n rounds carry no farther than n pixels.
+each site takes the label that minimises U + ρ Σ M.  The grid is the mean of two forests, its rows and its columns:
+every site is in both, every pair in one, so trees weigh ρ = 1/2.  Messages that begin with those of coarser grids
+(`label_scales`) take ρ = 19/32, which forgets less of them on the way; ρ = 1 would be belief propagation.  The sites of
+one colour of the checkerboard send at a time: a message then never waits for another of its own round, and n rounds
+carry no farther than n pixels.
 
-Arrays hold the two colours of each row apart, one plane for each label, so that loops run over adjacent floats.
+Arrays hold ρ M, the two colours of each row apart, one plane for each label, so that loops run over adjacent floats.
 """
 
 from __future__ import annotations
+
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .compiled import loop, rule
+from .label_scales import coarser, hand_down, reach
 from .labelling import Field, Floats, Labelling
 
 _FROM_ABOVE, _FROM_LEFT, _FROM_RIGHT, _FROM_BELOW = range(4)
-_RHO = np.float32(0.5)
+_TREES = np.float32(0.5)
+_SCALES = np.float32(0.59375)
 _INFINITY = np.float32(np.inf)
 _AT_ONCE = 4
 _BAND_BYTES = 1 << 26
 
 Planes = NDArray[np.float32]
+
+
+class _Parted(NamedTuple):
+    """Costs of a block, the colours of each row apart: unary (rows, 2, K, n); kinds and weights of pairs (rows, 2, n).
+
+    Weights are (rows, 2, 0) where all are 1.
+    """
+
+    unary: Planes
+    down: Field
+    right: Field
+    down_weight: Planes
+    right_weight: Planes
 
 
 @rule
@@ -45,21 +64,33 @@ def _add_least(least: Floats, sent: Floats, cost: Floats) -> None:
 
 
 @loop
+def _add_weighted_least(least: Floats, sent: Floats, cost: Floats, weight: Floats) -> None:
+    """As `_add_least`, with the weight of each pair."""
+    a, b, c, d = sent[0], sent[1], sent[2], sent[3]
+    cost_a, cost_b, cost_c, cost_d = cost[0], cost[1], cost[2], cost[3]
+    for n in range(least.size):
+        first = _lower(a[n] + weight[n] * cost_a, b[n] + weight[n] * cost_b)
+        second = _lower(c[n] + weight[n] * cost_c, d[n] + weight[n] * cost_d)
+        least[n] = _lower(least[n], _lower(first, second))
+
+
+@loop
 def _collect(total: Floats, unary: Floats, incoming: Planes) -> None:
     """U + ρ Σ M of a row; incoming is (4, labels, sites)."""
     for label in range(unary.shape[0]):
         a, b, c, d = incoming[0, label], incoming[1, label], incoming[2, label], incoming[3, label]
         u, into = unary[label], total[label]
         for n in range(into.size):
-            into[n] = u[n] + _RHO * ((a[n] + b[n]) + (c[n] + d[n]))
+            into[n] = u[n] + ((a[n] + b[n]) + (c[n] + d[n]))
 
 
 @loop
-def _subtract(sent: Floats, total: Floats, back: Floats) -> None:
+def _subtract(sent: Floats, total: Floats, back: Floats, rho: np.float32) -> None:
+    """ρ (U + ρ Σ M - M) of a row, the message back left out."""
     for label in range(total.shape[0]):
         s, t, m = sent[label], total[label], back[label]
         for n in range(s.size):
-            s[n] = t[n] - m[n]
+            s[n] = rho * t[n] - m[n]
 
 
 @loop
@@ -73,47 +104,53 @@ def _deliver(message: Floats, least: Floats, lowest: Floats, kind: Field, this: 
 
 
 @loop
-def _send(message: Floats, sent: Floats, tables: Planes, kinds: Field, least: Floats, lowest: Floats) -> None:
-    """Send to one neighbour of each site of a row; tables are V/ρ by kind, (T, labels to, labels from padded)."""
+def _send(
+    message: Floats, sent: Floats, tables: Planes, kinds: Field, weights: Floats, least: Floats, lowest: Floats
+) -> None:
+    """Send to one neighbour of each site of a row; tables are V by kind, (T, labels to, labels from padded)."""
     for kind in range(tables.shape[0]):
         lowest[:] = _INFINITY
         for label in range(message.shape[0]):
             into = least[label]
             into[:] = _INFINITY
             for start in range(0, sent.shape[0], _AT_ONCE):
-                _add_least(into, sent[start : start + _AT_ONCE], tables[kind, label, start : start + _AT_ONCE])
+                four, cost = sent[start : start + _AT_ONCE], tables[kind, label, start : start + _AT_ONCE]
+                if weights.size > 0:
+                    _add_weighted_least(into, four, cost, weights)
+                else:
+                    _add_least(into, four, cost)
             for n in range(into.size):
                 lowest[n] = _lower(lowest[n], into[n])
         _deliver(message, least, lowest, kinds, kind)
 
 
 @loop
-def _exchange(
-    unary: Planes, messages: Planes, down: Field, right: Field, tables: Planes, rounds: int, row: int
-) -> None:
-    """Pass messages for some rounds; unary (rows, 2, K, n), messages (rows, 4, 2, K, n), kinds (rows, 2, n)."""
+def _exchange(messages: Planes, parted: _Parted, tables: Planes, rounds: int, row: int, rho: np.float32) -> None:
+    """Pass messages (rows, 4, 2, K, n) for some rounds; the first row's global place is `row`."""
+    unary, down, right, w_down, w_right = parted
     rows, _, labels, n = unary.shape
     total = np.empty((labels, n - 2), np.float32)
     sent = np.full((tables.shape[2], n - 2), _INFINITY)
     least, lowest = np.empty((labels, n - 2), np.float32), np.empty(n - 2, np.float32)
+    here = slice(1, n - 1)
     for turn in range(rounds):
         for i in range(1, rows - 1):
             q = (row + i + turn) % 2
-            left, onward = 1 - q, q
             own = messages[i, :, q, :, 1 : n - 1]
+            left, onward = slice(q, n - 2 + q), slice(1 + q, n - 1 + q)
             _collect(total, unary[i, q, :, 1 : n - 1], own)
-            _subtract(sent, total, own[_FROM_ABOVE])
+            _subtract(sent, total, own[_FROM_ABOVE], rho)
             into = messages[i - 1, _FROM_BELOW, q, :, 1 : n - 1]
-            _send(into, sent, tables, down[i - 1, q, 1 : n - 1], least, lowest)
-            _subtract(sent, total, own[_FROM_BELOW])
+            _send(into, sent, tables, down[i - 1, q, here], w_down[i - 1, q, here], least, lowest)
+            _subtract(sent, total, own[_FROM_BELOW], rho)
             into = messages[i + 1, _FROM_ABOVE, q, :, 1 : n - 1]
-            _send(into, sent, tables, down[i, q, 1 : n - 1], least, lowest)
-            _subtract(sent, total, own[_FROM_LEFT])
-            into = messages[i, _FROM_RIGHT, 1 - q, :, 1 - left : n - 1 - left]
-            _send(into, sent, tables, right[i, 1 - q, 1 - left : n - 1 - left], least, lowest)
-            _subtract(sent, total, own[_FROM_RIGHT])
-            into = messages[i, _FROM_LEFT, 1 - q, :, 1 + onward : n - 1 + onward]
-            _send(into, sent, tables, right[i, q, 1 : n - 1], least, lowest)
+            _send(into, sent, tables, down[i, q, here], w_down[i, q, here], least, lowest)
+            _subtract(sent, total, own[_FROM_LEFT], rho)
+            into = messages[i, _FROM_RIGHT, 1 - q, :, left]
+            _send(into, sent, tables, right[i, 1 - q, left], w_right[i, 1 - q, left], least, lowest)
+            _subtract(sent, total, own[_FROM_RIGHT], rho)
+            into = messages[i, _FROM_LEFT, 1 - q, :, onward]
+            _send(into, sent, tables, right[i, q, here], w_right[i, q, here], least, lowest)
 
 
 @loop
@@ -136,11 +173,11 @@ def _decide(labels: Field, unary: Planes, messages: Planes) -> None:
 
 
 @loop
-def _part_kinds(kinds: Field, shift: int, parted: NDArray[np.uint8]) -> None:
-    """Part the colours of kinds (rows, columns) into (rows, 2, n)."""
-    for i in range(kinds.shape[0]):
-        for j in range(kinds.shape[1]):
-            parted[i, (j + shift) % 2, (j + shift) // 2] = kinds[i, j]
+def _part_field(field: NDArray[Any], shift: int, parted: NDArray[Any]) -> None:
+    """Part the colours of kinds or weights (rows, columns) into (rows, 2, n)."""
+    for i in range(field.shape[0]):
+        for j in range(field.shape[1]):
+            parted[i, (j + shift) % 2, (j + shift) // 2] = field[i, j]
 
 
 @loop
@@ -159,31 +196,66 @@ def _join(parted: Field, shift: int, labels: Field) -> None:
             labels[i, j] = parted[i, (j + shift) % 2, (j + shift) // 2]
 
 
-def _band(problem: Labelling, tables: Planes, first: int, last: int, rounds: int) -> Field:
-    """Labels of the framed rows first..last, as if these were all."""
-    stride, count = problem.stride, problem.unary.shape[1]
-    rows = last - first
-    sites = slice(first * stride, last * stride)
-    # Two columns more on the left keep the places of the colours at 1 or more.
-    shift = 2 + problem.column % 2
+def _parted(problem: Labelling, shift: int) -> _Parted:
+    """Part the costs of a block into the colours of its columns."""
+    rows, stride, count = problem.exists.size // problem.stride, problem.stride, problem.unary.shape[1]
     n = (stride + shift) // 2 + 2
     unary = np.zeros((rows, 2, count, n), np.float32)
-    _part_unary(problem.unary[sites].reshape(rows, stride, count), shift, unary)
-    kinds = []
-    for field in (problem.down, problem.right):
-        kinds.append(np.full((rows, 2, n), len(tables), np.uint8))
-        _part_kinds(field[sites].reshape(rows, stride), shift, kinds[-1])
+    _part_unary(problem.unary.reshape(rows, stride, count), shift, unary)
+    fields: list[NDArray[Any]] = []
+    for kinds in (problem.down, problem.right):
+        fields.append(np.full((rows, 2, n), len(problem.tables) - 1, np.uint8))
+        _part_field(kinds.reshape(rows, stride), shift, fields[-1])
+    for weights in (problem.down_weight, problem.right_weight):
+        fields.append(np.zeros((rows, 2, n if weights.size else 0), np.float32))
+        if weights.size:
+            _part_field(weights.reshape(rows, stride), shift, fields[-1])
+    return _Parted(unary, *fields)
+
+
+def _shift(problem: Labelling) -> int:
+    # Two columns more on the left keep the places of the colours at 1 or more.
+    return 2 + problem.column % 2
+
+
+def _messages(problem: Labelling, rounds: int, scales: int, rho: np.float32) -> tuple[Planes, Planes]:
+    """Unary costs and messages of a block, parted, after some rounds on each grid, the coarsest first."""
+    parted = _parted(problem, _shift(problem))
+    rows, _, count, n = parted.unary.shape
     messages = np.zeros((rows, 4, 2, count, n), np.float32)
-    _exchange(unary, messages, kinds[0], kinds[1], tables, rounds, problem.row + first)
+    if scales > 0:
+        coarse = coarser(problem)
+        _, from_messages = _messages(coarse, rounds, scales - 1, rho)
+        hand_down(problem, messages, _shift(problem), coarse, from_messages, _shift(coarse))
+    tables = np.zeros((len(problem.tables) - 1, count, -(-count // _AT_ONCE) * _AT_ONCE), np.float32)
+    tables[:, :, :count] = problem.tables[:-1, :count]
+    _exchange(messages, parted, tables, rounds, problem.row, rho)
+    return parted.unary, messages
+
+
+def _band(problem: Labelling, first: int, last: int) -> Labelling:
+    """The framed rows first..last, as if these were all."""
+    sites = slice(first * problem.stride, last * problem.stride)
+    return problem._replace(
+        unary=problem.unary[sites], down=problem.down[sites], right=problem.right[sites],
+        down_weight=problem.down_weight[sites], right_weight=problem.right_weight[sites],
+        exists=problem.exists[sites], row=problem.row + first,
+    )  # fmt: skip
+
+
+def _band_labels(problem: Labelling, rounds: int, scales: int) -> Field:
+    """Labels of a framed band, (rows, stride)."""
+    unary, messages = _messages(problem, rounds, scales, _SCALES if scales else _TREES)
+    rows, _, _, n = unary.shape
     parted = np.empty((rows, 2, n), np.uint8)
     for i in range(rows):
         _decide(parted[i], unary[i], messages[i])
-    labels = np.empty((rows, stride), np.uint8)
-    _join(parted, shift, labels)
+    labels = np.empty((rows, problem.stride), np.uint8)
+    _join(parted, _shift(problem), labels)
     return labels
 
 
-def message_labels(problem: Labelling, rounds: int) -> Field:
+def message_labels(problem: Labelling, rounds: int, scales: int = 0) -> Field:
     """Labels that the messages of some rounds decide on.
 
     Parameters
@@ -191,8 +263,10 @@ def message_labels(problem: Labelling, rounds: int) -> Field:
     problem
         The costs.
     rounds
-        Rounds: in each, the sites of one colour send to their four neighbours.  A label depends on the costs within
-        ``rounds`` pixels.
+        Rounds on each grid: in each, the sites of one colour send to their four neighbours.
+    scales
+        Coarser grids whose messages those of the next finer one begin with.  A label depends on the costs within
+        ``label_scales.reach(rounds, scales)`` pixels.
 
     Returns
     -------
@@ -200,17 +274,16 @@ def message_labels(problem: Labelling, rounds: int) -> Field:
         (sites,), framed and flat; K where there is no data.
     """
     none = problem.unary.shape[1]
-    padded = -(-none // _AT_ONCE) * _AT_ONCE
-    tables = np.zeros((len(problem.tables) - 1, none, padded), np.float32)
-    tables[:, :, :none] = problem.tables[:-1, :none] / _RHO
     labels = np.full((problem.exists.size // problem.stride, problem.stride), none, np.uint8)
     rows = len(labels)
     # Bands bound the memory; each is computed with its halo, so they do not show.
-    height = max(_BAND_BYTES // (20 * none * problem.stride), 4 * rounds + 1)
+    around = reach(rounds, scales) + 1
+    height = max(_BAND_BYTES // (20 * none * problem.stride), 4 * around)
     for first in range(0, rows, height):
-        top, bottom = max(first - rounds - 1, 0), min(first + height + rounds + 1, rows)
+        top, bottom = max(first - around, 0), min(first + height + around, rows)
         end = min(first + height, rows)
-        labels[first:end] = _band(problem, tables, top, bottom, rounds)[first - top : end - top]
+        band = _band_labels(_band(problem, top, bottom), rounds, scales)
+        labels[first:end] = band[first - top : end - top]
     flat = labels.reshape(-1)
     flat[~problem.exists] = none
     return flat

@@ -1,8 +1,8 @@
-"""A labelling problem on the pixel grid, and the stability of its sites.
+"""A labelling problem on the pixel grid.
 
-Every pixel s takes one of K labels, at the cost Σ_s U_s(x_s) + Σ_st V_st(x_s, x_t) over pixels and pairs of
-4-adjacent ones; V_st is one of a few symmetric tables.  The intensity field of `edge_model` is the special case
-U = (y - x)²/(2 σ²), V = β f.
+Every pixel s takes one of K labels, at the cost Σ_s U_s(x_s) + Σ_st w_st V_st(x_s, x_t) over pixels and pairs of
+4-adjacent ones; V_st is one of a few symmetric tables, w_st >= 0 the weight of the pair.  The intensity field of
+`edge_model` is the special case U = (y - x)²/(2 σ²), V = β f, w = 1.
 
 The loops walk a block framed by one site on each side, flat, so that the neighbours of site p are p - stride, p - 1,
 p + 1 and p + stride everywhere.  What does not exist or is not committed is the label K, a row of zeros in each table.
@@ -16,9 +16,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .compiled import loop, rule
-from .hcf import site_rank
-
 MAXIMUM_LABELS = 254
 
 Floats = NDArray[np.float32]
@@ -29,7 +26,7 @@ Place = int | np.int64
 
 EVERYWHERE: Window = (slice(None), slice(None))
 
-_INFINITY = np.float32(np.inf)
+_UNWEIGHTED = np.empty(0, np.float32)
 
 
 class Labelling(NamedTuple):
@@ -43,6 +40,8 @@ class Labelling(NamedTuple):
         float32 (T + 1, K + 1, K): V by kind of pair, the label K of the second pixel being none; the last is zero.
     down, right
         uint8 (sites,): kind of the pair of a site and the one below, or right of it; T where there is none.
+    down_weight, right_weight
+        float32 (sites,): w of the same pairs; (0,) where all are 1.
     exists
         bool (sites,): whether the site is a pixel with data.
     stride
@@ -55,6 +54,8 @@ class Labelling(NamedTuple):
     tables: Floats
     down: Field
     right: Field
+    down_weight: Floats
+    right_weight: Floats
     exists: NDArray[np.bool_]
     stride: int
     row: int
@@ -83,9 +84,34 @@ class Labels:
 # ------------------------------------------------------------------------------------------------- making
 
 
+def _pairs(has_data: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Which pairs of pixels one below the other, and side by side, have data."""
+    return has_data[:-1] & has_data[1:], has_data[:, :-1] & has_data[:, 1:]
+
+
+def _checked_kind(name: str, given: ArrayLike | None, shape: tuple[int, int], tables: int) -> Field:
+    kind: NDArray[Any] = np.zeros(shape, np.uint8) if given is None else np.asarray(given)
+    if kind.shape != shape or (kind.size and not 0 <= int(kind.min()) <= int(kind.max()) < tables):
+        raise ValueError(f"{name} must name one of {tables} tables for each of {shape[0]} x {shape[1]} pixels")
+    return kind.astype(np.uint8)
+
+
+def _checked_weight(name: str, given: ArrayLike | None, shape: tuple[int, int], pairs: NDArray[np.bool_]) -> Floats:
+    """Weights of the pairs as float32; `pairs` leaves out the last row or column."""
+    weight: NDArray[Any] = np.ones(shape, np.float32) if given is None else np.asarray(given)
+    if weight.shape != shape or weight.dtype.kind not in "buif":
+        raise ValueError(f"{name} must be a real weight for each of {shape[0]} x {shape[1]} pixels")
+    weight = weight.astype(np.float32)
+    looked_at = weight[: pairs.shape[0], : pairs.shape[1]][pairs]
+    if not (np.isfinite(looked_at) & (looked_at >= 0)).all():
+        raise ValueError(f"{name} must be finite and not negative where both pixels have data")
+    return weight
+
+
 def framed_labelling(
-    unary: Floats, has_data: NDArray[np.bool_], tables: Floats, down: Field, right: Field, origin: tuple[int, int]
-) -> Labelling:
+    unary: Floats, has_data: NDArray[np.bool_], tables: Floats, down: Field, right: Field, origin: tuple[int, int],
+    weights: tuple[Floats, Floats] | None = None,
+) -> Labelling:  # fmt: skip
     """Make the problem of a framed block.
 
     Parameters
@@ -100,6 +126,8 @@ def framed_labelling(
         uint8 (rows, columns): kinds of pairs, below T; not looked at where there is no pair.
     origin
         Global row and column of the block's first pixel.
+    weights
+        float32 (rows, columns), two: w of the pairs down and right; not looked at where there is no pair.  None: 1.
     """
     rows, columns = has_data.shape
     kinds, labels, _ = tables.shape
@@ -108,11 +136,17 @@ def framed_labelling(
     exists = np.zeros((rows + 2, columns + 2), np.bool_)
     exists[1:-1, 1:-1] = has_data
     pairs_down, pairs_right = (np.full(exists.shape, kinds, np.uint8) for _ in range(2))
-    np.copyto(pairs_down[1:-2, 1:-1], down[:-1], where=has_data[:-1] & has_data[1:])
-    np.copyto(pairs_right[1:-1, 1:-2], right[:, :-1], where=has_data[:, :-1] & has_data[:, 1:])
+    both_down, both_right = _pairs(has_data)
+    np.copyto(pairs_down[1:-2, 1:-1], down[:-1], where=both_down)
+    np.copyto(pairs_right[1:-1, 1:-2], right[:, :-1], where=both_right)
+    down_weight = right_weight = _UNWEIGHTED
+    if weights is not None:
+        down_weight, right_weight = (np.zeros(exists.shape, np.float32) for _ in range(2))
+        np.copyto(down_weight[1:-2, 1:-1], weights[0][:-1], where=both_down)
+        np.copyto(right_weight[1:-1, 1:-2], weights[1][:, :-1], where=both_right)
     return Labelling(
-        unary.reshape(-1, labels), padded, pairs_down.reshape(-1), pairs_right.reshape(-1), exists.reshape(-1),
-        columns + 2, origin[0] - 1, origin[1] - 1,
+        unary.reshape(-1, labels), padded, pairs_down.reshape(-1), pairs_right.reshape(-1), down_weight.reshape(-1),
+        right_weight.reshape(-1), exists.reshape(-1), columns + 2, origin[0] - 1, origin[1] - 1,
     )  # fmt: skip
 
 
@@ -122,6 +156,8 @@ def labelling(
     *,
     down: ArrayLike | None = None,
     right: ArrayLike | None = None,
+    down_weight: ArrayLike | None = None,
+    right_weight: ArrayLike | None = None,
     origin: tuple[int, int] = (0, 0),
 ) -> Labelling:
     """Make a labelling problem of given costs.
@@ -135,6 +171,9 @@ def labelling(
     down, right
         uint8 (rows, columns): which table the pair of a pixel and the one below, or right of it, takes; None: the
         first.  The last row of `down` and last column of `right` are not looked at.
+    down_weight, right_weight
+        w, real (rows, columns), not negative, computed in float32: what the table of the pair of a pixel and the one
+        below, or right of it, is multiplied by; None: 1.  Not looked at (NaN, for one) where there is no such pair.
     origin
         Global row and column of the first pixel.
 
@@ -142,7 +181,7 @@ def labelling(
     ------
     ValueError
         For shapes that do not fit together, costs that are infinite, a table that is not symmetric, a table that
-        is not there.
+        is not there, a weight that is negative or not finite.
     """
     costs: NDArray[Any] = np.asarray(unary)
     if costs.ndim != 3 or not 2 <= costs.shape[2] <= MAXIMUM_LABELS or costs.dtype.kind not in "buif":
@@ -159,12 +198,6 @@ def labelling(
         raise ValueError(f"pairwise must be tables of {count} x {count} labels, not of shape {np.shape(pairwise)}")
     if not (np.isfinite(tables).all() and np.array_equal(tables, tables.transpose(0, 2, 1))):
         raise ValueError("pairwise must be finite and symmetric")
-    kinds = []
-    for name, given in (("down", down), ("right", right)):
-        kind = np.zeros((rows, columns), np.uint8) if given is None else np.asarray(given)
-        if kind.shape != (rows, columns) or (kind.size and not 0 <= int(kind.min()) <= int(kind.max()) < len(tables)):
-            raise ValueError(f"{name} must name one of {len(tables)} tables for each of {rows} x {columns} pixels")
-        kinds.append(kind.astype(np.uint8))
     framed = np.zeros((rows + 2, columns + 2, count), np.float32)
     framed[1:-1, 1:-1] = costs
     inside = framed[1:-1, 1:-1]
@@ -172,10 +205,19 @@ def labelling(
     inside[~has_data] = 0
     if not np.isfinite(inside).all():
         raise ValueError("unary must be finite; give a label that a pixel cannot have a large cost instead")
-    return framed_labelling(framed, has_data, tables, kinds[0], kinds[1], origin)
+    shape = (rows, columns)
+    kinds = _checked_kind("down", down, shape, len(tables)), _checked_kind("right", right, shape, len(tables))
+    weights = None
+    if down_weight is not None or right_weight is not None:
+        both_down, both_right = _pairs(has_data)
+        weights = (
+            _checked_weight("down_weight", down_weight, shape, both_down),
+            _checked_weight("right_weight", right_weight, shape, both_right),
+        )
+    return framed_labelling(framed, has_data, tables, *kinds, origin, weights)
 
 
-def framed_labels(problem: Labelling, labels: ArrayLike | None) -> Field:
+def framed_labels(problem: Labelling, labels: ArrayLike | None, name: str = "start") -> Field:
     """Labels of the sites, framed and flat: those given, K where there is no data or none are given.
 
     Raises
@@ -189,11 +231,11 @@ def framed_labels(problem: Labelling, labels: ArrayLike | None) -> Field:
         given = np.asarray(labels)
         framed = sites.reshape(-1, problem.stride)
         if given.shape != (framed.shape[0] - 2, framed.shape[1] - 2):
-            raise ValueError(f"start must have the shape of the block, not {given.shape}")
-        framed[1:-1, 1:-1] = given
+            raise ValueError(f"{name} must have the shape of the block, not {given.shape}")
+        framed[1:-1, 1:-1] = np.where((given >= 0) & (given < none), given, none)
         sites[~problem.exists] = none
         if bool((sites[problem.exists] >= none).any()):
-            raise ValueError(f"start must be from 0 to {none - 1} where there is data")
+            raise ValueError(f"{name} must be from 0 to {none - 1} where there is data")
     return sites
 
 
@@ -205,69 +247,3 @@ def as_result(problem: Labelling, sites: Field, rounds: int, wanting: Sites, cor
     open_ends[wanting] = True
     inside = open_ends.reshape(framed.shape)[1:-1, 1:-1][core]
     return Labels(labels, rounds, int(np.count_nonzero(inside)))
-
-
-# ------------------------------------------------------------------------------------------------- site rules
-
-
-@loop
-def stability(
-    unary: Floats, tables: Floats, down: Field, right: Field, labels: Field, stride: int, none: int, p: Place
-) -> tuple[np.float32, np.uint8]:
-    """Stability G of a site, and the label it would change to: the lowest of those of least energy.
-
-    G is the least energy of the other labels minus that of its own, or minus the difference of the two least
-    energies if it is uncommitted (Chou & Brown 1990).  Arrays as in `Labelling`, one by one: a tuple of them would
-    be counted as a reference at each call.
-    """
-    above = tables[down[p - stride], labels[p - stride]]
-    before = tables[right[p - 1], labels[p - 1]]
-    after = tables[right[p], labels[p + 1]]
-    below = tables[down[p], labels[p + stride]]
-    cost = unary[p]
-    own = labels[p]
-    best = np.uint8(0)
-    least = second = current = _INFINITY
-    for label in range(none):
-        energy = cost[label] + ((above[label] + before[label]) + (after[label] + below[label]))
-        if label == own:
-            current = energy
-        elif energy < least:
-            second = least
-            least = energy
-            best = np.uint8(label)
-        elif energy < second:
-            second = energy
-    return (least - second if own == none else least - current), best
-
-
-@rule
-def rank_of(row: int, column: int, stride: int, p: Place) -> np.uint32:
-    """`site_rank` of a site of a frame whose first is at (row, column)."""
-    return site_rank(row + p // stride, column + p % stride)
-
-
-@loop
-def cheapest_labels(problem: Labelling, labels: Field) -> None:
-    """Give every pixel the label of least unary cost, the lowest of equals."""
-    for p in range(labels.size):
-        if problem.exists[p]:
-            unary = problem.unary[p]
-            best = 0
-            for label in range(1, unary.size):
-                best = label if unary[label] < unary[best] else best
-            labels[p] = best
-
-
-@loop
-def wanting_sites(problem: Labelling, labels: Field) -> Sites:
-    """Committed sites whose energy another label would lower, ascending."""
-    unary, tables, down, right = problem.unary, problem.tables, problem.down, problem.right
-    stride, none = problem.stride, unary.shape[1]
-    found = np.empty(labels.size, np.int32)
-    count = 0
-    for p in range(labels.size):
-        if problem.exists[p] and stability(unary, tables, down, right, labels, stride, none, p)[0] < 0:
-            found[count] = p
-            count += 1
-    return found[:count].copy()

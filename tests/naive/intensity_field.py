@@ -18,9 +18,13 @@ Labelled = dict[Site, int | None]
 class Problem:
     def __init__(
         self, unary: NDArray[Any], tables: NDArray[Any], down: NDArray[Any], right: NDArray[Any],
-        origin: tuple[int, int] = (0, 0),
+        origin: tuple[int, int] = (0, 0), down_weight: NDArray[Any] | None = None,
+        right_weight: NDArray[Any] | None = None,
     ) -> None:  # fmt: skip
         self.unary, self.tables, self.down, self.right, self.origin = unary, tables, down, right, origin
+        ones = np.ones(unary.shape[:2])
+        self.down_weight = ones if down_weight is None else down_weight
+        self.right_weight = ones if right_weight is None else right_weight
         self.labels = range(unary.shape[2])
         self.sites = [(int(i), int(j)) for i, j in np.argwhere(~np.isnan(unary).any(axis=2))]
 
@@ -28,7 +32,8 @@ class Problem:
         for di, dj in ((-1, 0), (0, -1), (0, 1), (1, 0)):
             t = (s[0] + di, s[1] + dj)
             if t in self.sites:
-                yield t, self.tables[(self.down if di else self.right)[min(s, t)]]
+                weight = (self.down_weight if di else self.right_weight)[min(s, t)]
+                yield t, weight * self.tables[(self.down if di else self.right)[min(s, t)]]
 
     def rank(self, s: Site) -> int:
         return int(site_rank(s[0] + self.origin[0], s[1] + self.origin[1]))
@@ -84,25 +89,59 @@ class Problem:
                         x[s] = self.stability(x, s)[1]
         return x
 
-    def messages(self, rounds: int) -> Labelled:
+    def block(self, s: Site) -> Site:
+        """Block of 2 x 2 pixels, from even global rows and columns, that a pixel is in."""
+        return (s[0] + self.origin[0]) // 2 - self.origin[0] // 2, (s[1] + self.origin[1]) // 2 - self.origin[1] // 2
+
+    def coarser(self) -> Problem:
+        """Problem of the blocks: sums of costs and weights, the kind of the heaviest pair, the first of equals."""
+        last = self.block((self.unary.shape[0] - 1, self.unary.shape[1] - 1))
+        shape = (last[0] + 1, last[1] + 1)
+        unary = np.full((*shape, len(self.labels)), np.nan)
+        kinds, weights, heaviest = np.zeros((2, *shape), int), np.zeros((2, *shape)), np.full((2, *shape), -1.0)
+        for s in self.sites:
+            unary[self.block(s)] = np.nan_to_num(unary[self.block(s)]) + self.unary[s]
+        for axis, kind, weight in ((0, self.down, self.down_weight), (1, self.right, self.right_weight)):
+            for s in self.sites:
+                t = (s[0] + 1 - axis, s[1] + axis)
+                if t in self.sites and self.block(s) != self.block(t):
+                    at = (axis, *self.block(s))
+                    weights[at] += weight[s]
+                    if weight[s] > heaviest[at]:
+                        heaviest[at], kinds[at] = weight[s], kind[s]
+        origin = (self.origin[0] // 2, self.origin[1] // 2)
+        return Problem(unary, self.tables, kinds[0], kinds[1], origin, weights[0], weights[1])
+
+    def sent(self, rounds: int, scales: int, rho: float) -> dict[tuple[Site, Site], list[float]]:
+        """ρ times the messages after some rounds on each grid."""
         sent = {(s, t): [0.0] * len(self.labels) for s in self.sites for t, _ in self.neighbours(s)}
-
-        def belief(s: Site) -> list[float]:
-            return [
-                float(self.unary[s][k]) + 0.5 * sum(sent[t, s][k] for t, _ in self.neighbours(s)) for k in self.labels
-            ]
-
+        if scales > 0:
+            coarse = self.coarser()
+            of_blocks = coarse.sent(rounds, scales - 1, rho)
+            for s, t in sent:
+                to = self.block(t)
+                start = (to[0] + s[0] - t[0], to[1] + s[1] - t[1])
+                sent[s, t] = [value / 2 for value in of_blocks.get((start, to), [0.0] * len(self.labels))]
         for turn in range(rounds):
             for s in self.sites:
                 if self.colour(s) != turn % 2:
                     continue
-                total = belief(s)
+                total = self.belief(s, sent)
                 for t, table in self.neighbours(s):
                     there = [
-                        min(total[m] - sent[t, s][m] + 2 * float(table[m, k]) for m in self.labels) for k in self.labels
+                        min(rho * total[m] - sent[t, s][m] + float(table[m, k]) for m in self.labels)
+                        for k in self.labels
                     ]
                     sent[s, t] = [value - min(there) for value in there]
-        return {s: int(np.argmin(belief(s))) for s in self.sites}
+        return sent
+
+    def belief(self, s: Site, sent: dict[tuple[Site, Site], list[float]]) -> list[float]:
+        return [float(self.unary[s][k]) + sum(sent[t, s][k] for t, _ in self.neighbours(s)) for k in self.labels]
+
+    def messages(self, rounds: int, scales: int = 0) -> dict[Site, list[float]]:
+        """Beliefs that the messages of some rounds on each grid lead to."""
+        sent = self.sent(rounds, scales, 19 / 32 if scales else 1 / 2)
+        return {s: self.belief(s, sent) for s in self.sites}
 
     def energy(self, x: NDArray[np.uint8]) -> float:
         total = 0.0

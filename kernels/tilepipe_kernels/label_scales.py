@@ -1,0 +1,107 @@
+"""Coarser grids of a labelling problem, and the messages that finer ones begin with.
+
+Messages go one site a round; where the data are weak, what decides is far away.  On a grid of blocks of 2 x 2 sites
+they go twice as far (Felzenszwalb & Huttenlocher 2006, section 3.3): the energy of a labelling that is constant on
+blocks is again of the same form.  Blocks begin at even global rows and columns, so that tiles do not show.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .compiled import loop
+from .label_stability import weight_of
+from .labelling import Field, Floats, Labelling
+
+_HALF = np.float32(0.5)
+
+Planes = NDArray[np.float32]
+
+
+def reach(rounds: int, scales: int) -> int:
+    """Pixels that messages go: `rounds` on the pixels, and as many on each of `scales` coarser grids.
+
+    A block stands for all its pixels, whence what is added to the rounds.
+    """
+    return rounds * (2 ** (scales + 1) - 1) + 2**scales - 1
+
+
+@loop
+def _sum_blocks(fine: Labelling, unary: Floats, exists: NDArray[np.bool_], stride: int, row: int, column: int) -> None:
+    """Sum the unary costs of the framed fine sites into the blocks of a frame whose first is at (row, column)."""
+    rows = fine.exists.size // fine.stride
+    for i in range(1, rows - 1):
+        for j in range(1, fine.stride - 1):
+            p = i * fine.stride + j
+            block = (((fine.row + i) >> 1) - row) * stride + ((fine.column + j) >> 1) - column
+            if fine.exists[p]:
+                exists[block] = True
+                for label in range(unary.shape[1]):
+                    unary[block, label] += fine.unary[p, label]
+
+
+@loop
+def _sum_pairs(
+    fine: Labelling, kinds: Field, weights: Floats, step: int, kind: Field, weight: Floats, heaviest: Floats,
+    stride: int, row: int, column: int,
+) -> None:  # fmt: skip
+    """Sum the weights of the pairs, `step` sites apart, of two blocks; their kind is that of the heaviest, the first.
+
+    `kinds` and `weights` are those of the fine sites, `kind` and `weight` those of the blocks.
+    """
+    rows, none = fine.exists.size // fine.stride, fine.tables.shape[0] - 1
+    for i in range(1, rows - 1):
+        for j in range(1, fine.stride - 1):
+            p = i * fine.stride + j
+            last = (fine.column + j if step == 1 else fine.row + i) % 2 == 1
+            if last and kinds[p] != none:
+                block = (((fine.row + i) >> 1) - row) * stride + ((fine.column + j) >> 1) - column
+                w = weight_of(weights, p)
+                weight[block] += w
+                if kind[block] == none or w > heaviest[block]:
+                    kind[block], heaviest[block] = kinds[p], w
+
+
+def coarser(fine: Labelling) -> Labelling:
+    """The problem of blocks of 2 x 2 sites: costs and weights are sums; pairs of several kinds take the heaviest's."""
+    rows = fine.exists.size // fine.stride
+    row, column = ((fine.row + 1) >> 1) - 1, ((fine.column + 1) >> 1) - 1
+    height = ((fine.row + rows - 2) >> 1) - row + 2
+    stride = ((fine.column + fine.stride - 2) >> 1) - column + 2
+    sites = height * stride
+    unary, exists = np.zeros((sites, fine.unary.shape[1]), np.float32), np.zeros(sites, np.bool_)
+    _sum_blocks(fine, unary, exists, stride, row, column)
+    kinds, weights = [], []
+    for kind, weight, step in ((fine.down, fine.down_weight, fine.stride), (fine.right, fine.right_weight, 1)):
+        kinds.append(np.full(sites, len(fine.tables) - 1, np.uint8))
+        weights.append(np.zeros(sites, np.float32))
+        heaviest = np.zeros(sites, np.float32)
+        _sum_pairs(fine, kind, weight, step, kinds[-1], weights[-1], heaviest, stride, row, column)
+    return Labelling(
+        unary, fine.tables, kinds[0], kinds[1], weights[0], weights[1], exists, stride, row, column
+    )  # fmt: skip
+
+
+@loop
+def hand_down(
+    problem: Labelling, messages: Planes, shift: int, coarse: Labelling, from_messages: Planes, from_shift: int
+) -> None:
+    """Begin the messages with half of those of the blocks, for a side of a block has two pairs.
+
+    Messages are (rows, 4, 2, K, n): what a site hears from above, left, right and below, parted as in `label_messages`;
+    a site of column j stands at colour (j + shift) % 2, place (j + shift) // 2.
+    """
+    stride, none = problem.stride, problem.tables.shape[0] - 1
+    for i in range(1, messages.shape[0] - 1):
+        block = ((problem.row + i) >> 1) - coarse.row
+        for j in range(1, stride - 1):
+            p = i * stride + j
+            at = ((problem.column + j) >> 1) - coarse.column + from_shift
+            q, m = (j + shift) % 2, (j + shift) // 2
+            kinds = (problem.down[p - stride], problem.right[p - 1], problem.right[p], problem.down[p])
+            for side in range(4):
+                if kinds[side] != none:
+                    for label in range(messages.shape[3]):
+                        heard = from_messages[block, side, at % 2, label, at // 2]
+                        messages[i, side, q, label, m] = _HALF * heard
