@@ -28,6 +28,7 @@ _EXPORTS = {
     "open_raster": "tilepipe.raster",
     "as_dataarray": "tilepipe.raster",
     "grid_clouds": "tilepipe.gridding",
+    "evaluate_edge_lines": "tilepipe.evaluate_edges",
     "evaluate_lines": "tilepipe.evaluate",
     "evaluate_polygons": "tilepipe.evaluate_areas",
     "InputError": "tilepipe.errors",

@@ -9,11 +9,12 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from tilepipe.accessor_blocks import BlockOperators, blanked, even_grid, nodata_value
+from tilepipe.accessor_blocks import BlockOperators, blanked, even_grid
 from tilepipe.grid import Tile, TileGrid
 from tilepipe.ledger import Facts
 from tilepipe.regions import SUMMED, Regions, reconcile_regions
 from tilepipe.seams import edge_facts, raster_borders, touches_seam
+from tilepipe.sources import nodata_of
 from tilepipe_kernels import diffusion, growing, morphology, region_table, ridges, skeleton
 
 
@@ -74,7 +75,7 @@ class StreetOperators(BlockOperators):
         InputError
             The chunks are uneven.
         """
-        grow = _Growing(tolerance, minimum_size, maximum, nodata_value(self._array))
+        grow = _Growing(tolerance, minimum_size, maximum, nodata_of(self._array))
         data = self._array.data
         if hasattr(data, "dask"):
             return self._like("grow_regions", _grow_lazily(data, grow, even_grid(data)))

@@ -90,6 +90,13 @@ def end_points(offsets: Int64, vertices: Vertices) -> Vertices:
     return vertices[np.stack([offsets[:-1], offsets[1:] - 1], axis=1).reshape(-1)]
 
 
+def place_numbers(points: Vertices) -> Int64:
+    """One number for the (row, column) of each point, both whole numbers from 0 to 2³¹, in that order."""
+    whole = points.astype(np.int64)
+    numbers: Int64 = whole[:, 0] << 32 | whole[:, 1]
+    return numbers
+
+
 def join_arcs(pieces: Iterable[ArcPieces]) -> Arcs:
     """Join the pieces of the arcs of all tiles of a raster.
 

@@ -12,6 +12,9 @@ import typer
 from tilepipe.cli_options import Crs, Memory, Quiet, Seed, Workers
 from tilepipe.errors import InputError
 
+_BUFFER = 3.0
+"""Farthest match of centerlines, or of the boundaries of polygons, in metres."""
+
 
 def grid(
     clouds: Annotated[list[Path], typer.Argument(help="LAS, LAZ or COPC files, or folders of them.")],
@@ -68,8 +71,16 @@ def _numbers(text: str | None) -> list[int] | None:
 def evaluate(
     result: Annotated[Path, typer.Argument(help="Table of lines or polygons, or the folder of a run.")],
     truth: Annotated[Path, typer.Argument(help="Table of true lines or polygons.")],
-    buffer: Annotated[float, typer.Option(help="Farthest match of lines, or of polygons' boundaries (m).")] = 3.0,
-    area: Annotated[Path | None, typer.Option(help="Polygon table: score only inside.")] = None,
+    buffer: Annotated[
+        float | None, typer.Option(help="Farthest match of lines, or of polygons' boundaries (m); 3 by default.")
+    ] = None,
+    tolerance: Annotated[
+        float | None, typer.Option(help="Edges: farthest match (m); 1 by default. Any other lines are then edges too.")
+    ] = None,
+    area: Annotated[
+        Path | None,
+        typer.Option(help="Polygon table: score only inside; by default where the result's run has had data."),
+    ] = None,
     direction: Annotated[float | None, typer.Option(help="Largest angle between matching lines (degrees).")] = None,
     overlap: Annotated[float, typer.Option(help="Polygons: share of an object's area that must match.")] = 0.5,
     minimum_area: Annotated[float, typer.Option(help="Polygons: score objects from this area also apart (m²).")] = 50.0,
@@ -82,31 +93,53 @@ def evaluate(
             "ground, such as objects.parquet: score buildings.parquet.",
         ),
     ] = False,
+    road_surface: Annotated[
+        bool,
+        typer.Option(
+            "--road-surface", help="Edges: the truth is polygons of road; also score the borders and widths of streets."
+        ),
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Machine-readable output.")] = False,
 ) -> None:
-    """Score lines (Heipke et al. 1997) or polygons (Rutzinger et al. 2009): completeness, correctness, quality, RMS."""
+    """Score lines (Heipke et al. 1997), polygons (Rutzinger et al. 2009), or edges, against lines or polygons."""
+    from tilepipe.data_extent import scored_area
     from tilepipe.evaluate import LineScore, evaluate
     from tilepipe.evaluate_areas import AreaScore, evaluate_areas
+    from tilepipe.evaluate_edges import TOLERANCE, EdgeScore, evaluate_edges, is_edges
     from tilepipe.vector_layers import are_polygons, read_layer, read_result
 
     layers = read_result(result), read_layer(truth, "truth")
-    score: LineScore | AreaScore
-    if are_polygons(*layers):
+    inside = scored_area(result, area)
+    score: LineScore | AreaScore | EdgeScore
+    if is_edges(layers[0]) or tolerance is not None:
+        if buffer is not None:
+            raise InputError("--buffer is for centerlines and polygons; edges match within --tolerance")
+        score = evaluate_edges(
+            *layers,
+            TOLERANCE if tolerance is None else tolerance,
+            inside,
+            direction_tolerance=direction,
+            dissolve=dissolve,
+            road_surface=road_surface,
+        )
+    elif road_surface:
+        raise InputError("--road-surface is for edges; leave it out, or give edges.parquet of a run")
+    elif are_polygons(*layers):
         if direction is not None:
             raise InputError("--direction is for lines; leave it out for polygons")
         score = evaluate_areas(
             *layers,
-            area,
+            inside,
             overlap=overlap,
             minimum_area=minimum_area,
-            cutoff=buffer,
+            cutoff=_BUFFER if buffer is None else buffer,
             step=step,
             dissolve=dissolve,
         )
     else:
         if dissolve:
             raise InputError("--dissolve is for polygons; leave it out for lines")
-        score = evaluate(*layers, buffer, area, direction_tolerance=direction)
+        score = evaluate(*layers, _BUFFER if buffer is None else buffer, inside, direction_tolerance=direction)
     print(json.dumps(score.as_dict()) if as_json else score.summary())
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe.arc_network import Chains, end_points, taken
+from tilepipe.arc_network import Chains, end_points, place_numbers, taken
 from tilepipe.edge_levels import LevelScale
 from tilepipe.edge_parameters import EdgeParameters
 from tilepipe.grid import Tile, Window
@@ -40,6 +40,10 @@ class FieldContext:
     seed: int
 
 
+_BEYOND = 2
+"""Pixels around a core whose lines its pieces and the terms of its energy depend on."""
+
+
 def halo(parameters: EdgeParameters) -> int:
     """Pixels around a core on which its levels, lines and edge elements depend."""
     p = parameters
@@ -49,10 +53,13 @@ def halo(parameters: EdgeParameters) -> int:
         fields = line_field.halo(p.model(), p.rounds, method=method, integrated=True, annealing=annealing)
         fields += intensity_field.halo(p.rounds, method="messages") if p.optimiser == "messages" else 0
     else:
-        fields = intensity_field.halo(p.rounds, method=p.optimiser, annealing=annealing)
-        fields += line_field.halo(p.model(), p.rounds, method=p.line_method, annealing=annealing)
-    # the cracks of the tile's own border, and the terms of its energy, look a little farther
-    return max(fields + 2, nevatia_babu_links.halo() if p.nevatia_babu else 0)
+        fields = intensity_field.halo(p.rounds, method=p.optimiser, annealing=annealing) + _halo_of_lines(p)
+    return max(fields + _BEYOND, nevatia_babu_links.halo() if p.nevatia_babu else 0)
+
+
+def _halo_of_lines(p: EdgeParameters) -> int:
+    """Pixels on whose labels a line element depends, where labels are given."""
+    return line_field.halo(p.model(), p.rounds, method=p.line_method, annealing=Annealing(sweeps=p.sweeps))
 
 
 def bytes_per_pixel(parameters: EdgeParameters) -> int:
@@ -64,21 +71,18 @@ def bytes_per_pixel(parameters: EdgeParameters) -> int:
 
 def find_fields(context: FieldContext, tile: Tile) -> Facts:
     """Tile function: writes levels and lines; facts are the pieces of edge lines, edge elements, and counts."""
-    p = context.parameters
+    p, raster = context.parameters, context.photograph.raster
     values = context.photograph.read(tile.padded)
     grey = context.scale.grey(values)
     observed = context.scale.levels(grey)
-    core, origin = tile.core_in_padded, tile.padded.origin
-    levels, h, v, unresolved = _fields(context, observed, core, origin)
+    levels, h, v, unresolved = _fields(context, observed, tile)
+    near = tile.core.padded(_BEYOND, raster.shape)
+    part, core = near.relative_to(tile.padded).slices, tile.core.relative_to(near)
     # a line is never longer than its cracks, and counts with those that it meets
-    least = p.minimum_length / context.photograph.raster.geometry.resolution
-    facts = _pieces(grey, h, v, core, origin, least)
-    facts |= _energy(energy_terms(observed, levels, h, v, p.levels, core=core.slices), unresolved)
+    facts = _pieces(grey[part], h, v, core, near.origin, p.minimum_length / raster.geometry.resolution)
+    facts |= _energy(energy_terms(observed[part], levels, h, v, p.levels, core=core.slices), unresolved)
     if p.nevatia_babu:
-        elements = nevatia_babu_links.find_elements(
-            values, context.threshold, core.as_tuple(), origin, context.photograph.raster.shape[1]
-        )
-        facts |= {f"element:{name}": getattr(elements, name) for name in ELEMENT_COLUMNS}
+        facts |= _elements(context, values, tile)
     lines = h[core.slices] | v[core.slices] << 1
     lines[levels[core.slices] == NODATA] = NODATA
     arrays = {"levels": context.levels, "lines": context.lines}
@@ -86,11 +90,13 @@ def find_fields(context: FieldContext, tile: Tile) -> Facts:
 
 
 def _fields(
-    context: FieldContext, observed: NDArray[np.float32], core: Window, origin: tuple[int, int]
+    context: FieldContext, observed: NDArray[np.float32], tile: Tile
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.uint8], int]:
-    """Levels, horizontal and vertical elements of a block, and how many sites of its core still want to change."""
-    p, model, part = context.parameters, context.parameters.model(context.scale.noise), core.slices
-    annealing = Annealing(sweeps=p.sweeps, seed=context.seed)
+    """Levels, horizontal and vertical elements of a core and `_BEYOND` around it; unresolved sites of the core."""
+    p, model, origin = context.parameters, context.parameters.model(context.scale.noise), tile.padded.origin
+    annealing, part = Annealing(sweeps=p.sweeps, seed=context.seed), tile.core_in_padded.slices
+    shape = context.photograph.raster.shape
+    near = tile.core.padded(_BEYOND, shape)
     if p.scheme == "integrated":
         start = None
         if p.optimiser == "messages":
@@ -98,23 +104,32 @@ def _fields(
                 observed, model, method="messages", rounds=p.rounds, origin=origin
             ).labels
         both = line_field.coupled_fields(
-            observed,
-            model,
-            method=p.line_method,
-            rounds=p.rounds,
-            origin=origin,
-            core=part,
+            observed, model, method=p.line_method, rounds=p.rounds, start=start, origin=origin, core=part,
             annealing=annealing,
-            start=start,
-        )
-        return both.labels, both.horizontal, both.vertical, both.unresolved
+        )  # fmt: skip
+        inner = near.relative_to(tile.padded).slices
+        return both.labels[inner], both.horizontal[inner], both.vertical[inner], both.unresolved
     found = intensity_field.intensity_field(
         observed, model, method=p.optimiser, rounds=p.rounds, origin=origin, core=part, annealing=annealing
     )
+    # of the labels only those that lines depend on
+    around = near.padded(_halo_of_lines(p), shape)
+    labels, inner = found.labels[around.relative_to(tile.padded).slices], near.relative_to(around).slices
     drawn = line_field.line_field(
-        found.labels, model, method=p.line_method, rounds=p.rounds, origin=origin, core=part, annealing=annealing
-    )
-    return found.labels, drawn.horizontal, drawn.vertical, found.unresolved + drawn.unresolved
+        labels, model, method=p.line_method, rounds=p.rounds, origin=around.origin,
+        core=tile.core.relative_to(around).slices, annealing=annealing,
+    )  # fmt: skip
+    return labels[inner], drawn.horizontal[inner], drawn.vertical[inner], found.unresolved + drawn.unresolved
+
+
+def _elements(context: FieldContext, values: NDArray[np.float32], tile: Tile) -> Facts:
+    """Edge elements of the classical method."""
+    shape = context.photograph.raster.shape
+    near = tile.core.padded(nevatia_babu_links.halo(), shape)
+    core = tile.core.relative_to(near).as_tuple()
+    block = values[near.relative_to(tile.padded).slices]
+    elements = nevatia_babu_links.find_elements(block, context.threshold, core, near.origin, shape[1])
+    return {f"element:{name}": getattr(elements, name) for name in ELEMENT_COLUMNS}
 
 
 def _pieces(
@@ -137,12 +152,13 @@ def _pieces(
 def _meets(pieces: crack_lines.LinePieces, core: Window, origin: tuple[int, int]) -> NDArray[np.bool_]:
     """Whether a piece shares one of its ends with another piece, or ends where another tile's may end."""
     ends = end_points(pieces.offsets, pieces.vertices)
-    _, place, count = np.unique(ends, axis=0, return_inverse=True, return_counts=True)
+    _, place, count = np.unique(place_numbers(ends), return_inverse=True, return_counts=True)
     top, left = origin[0] + core.top, origin[1] + core.left
-    inside = ((ends > (top, left)) & (ends < (top + core.rows, left + core.columns))).all(axis=1)
+    row, column = ends.T
+    inside = (row > top) & (row < top + core.rows) & (column > left) & (column < left + core.columns)
     # both ends of a ring are one place
     rings = (ends[::2] == ends[1::2]).all(axis=1)
-    alone = inside & (count[place.reshape(-1)] == np.where(np.repeat(rings, 2), 2, 1))
+    alone = inside & (count[place] == np.where(np.repeat(rings, 2), 2, 1))
     meets: NDArray[np.bool_] = ~alone.reshape(-1, 2).all(axis=1)
     return meets
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from tilepipe.arc_network import Chains, taken
 from tilepipe.arc_simplification import simplify_chains
 from tilepipe.edge_parameters import EdgeParameters
+from tilepipe.street_borders import in_long_strips
 from tilepipe_kernels.compiled import loop, rule
 from tilepipe_kernels.parallel_lines import LEFT, RIGHT, opposite_samples, sample_lines
 
@@ -33,8 +34,11 @@ _STEPS = 16
 _CELL = 8
 """Pixels on a side of the cells by which segments that may meet are found."""
 
-_BESIDE = 0.5
-"""Share of a line that must lie opposite other lines to be a candidate for the border of a street."""
+_GAP = 10.0
+"""Longest gap in a border of a street (m)."""
+
+_BESIDE = 0.3
+"""Share of a line that must lie along a street to be a candidate for its border: lines go on where a street ends."""
 
 _LEAST_CONTRAST = 1.0
 """Mean difference of grey (0-255) that makes one side of a line the darker one."""
@@ -103,6 +107,22 @@ def _smooth(starts: NDArray[np.int64], points: NDArray[np.float64], free: NDArra
             before[:] = points[first:last]
 
 
+@loop
+def _round(
+    starts: NDArray[np.int64], points: NDArray[np.float64], offsets: NDArray[np.int64], steps: NDArray[np.int32]
+) -> None:
+    """Points in whole steps of a pixel; those of a line that fall on one another are one."""
+    at = 0
+    for line in range(starts.size - 1):
+        for k in range(starts[line], starts[line + 1]):
+            row, column = np.int32(np.rint(points[k, 0] * _STEPS)), np.int32(np.rint(points[k, 1] * _STEPS))
+            if k > starts[line] and row == steps[at - 1, 0] and column == steps[at - 1, 1]:
+                continue
+            steps[at, 0], steps[at, 1] = row, column
+            at += 1
+        offsets[line + 1] = at
+
+
 def smoothed(lines: Chains, tolerance: float) -> Chains:
     """Polylines in pixels, float64: through the middles of the cracks, evened out and simplified.
 
@@ -122,12 +142,10 @@ def smoothed(lines: Chains, tolerance: float) -> Chains:
     points, free = np.empty((int(starts[-1]), 2)), np.zeros(int(starts[-1]), np.bool_)
     _place_points(lines.offsets, lines.vertices, starts, points, free)
     _smooth(starts, points, free)
-    steps = np.rint(points * _STEPS).astype(np.int32)
-    # steps that fall on one another are one
-    kept = np.ones(len(steps), np.bool_)
-    kept[1:] = (steps[1:] != steps[:-1]).any(axis=1)
-    kept[starts[:-1]] = True
-    chains = Chains(np.concatenate([[0], np.cumsum(kept)])[starts], steps[kept])
+    offsets, steps = np.zeros_like(starts), np.empty(points.shape, np.int32)
+    _round(starts, points, offsets, steps)
+    del points, free
+    chains = Chains(offsets, steps[: offsets[-1]])
     if tolerance > 0:
         chains = simplify_chains(chains, tolerance, 1 / _STEPS, 1 / _STEPS, cell=_CELL * _STEPS)
     return Chains(chains.offsets, chains.vertices / _STEPS)
@@ -139,14 +157,14 @@ class Streets(NamedTuple):
     Attributes
     ----------
     candidate
-        Whether the line is long enough and half of it or more has another such line opposite it, on one side, for
-        at least the street's width.
+        Whether the line is long enough and three tenths of it or more, and at least the street's width, lie along a
+        street: opposite another such line, on one side, in a strip of even width that is long for its width.
     width
         Median width of the street, in pixels; NaN where there is none.
     partner
         The line that is opposite most often, -1 = none.
     share
-        Share of the line with a border opposite it.
+        Share of the line along a street.
     """
 
     candidate: NDArray[np.bool_]
@@ -191,7 +209,7 @@ def find_streets(
     told = (lengths * resolution >= parameters.minimum_street_length) & (np.abs(step) >= _LEAST_CONTRAST)
     number_of = np.flatnonzero(told)
     samples = sample_lines(*taken(chains.offsets, chains.vertices, told), apart)
-    seen, width = opposite_samples(
+    opposite = opposite_samples(
         samples,
         np.where(step[told] > 0, RIGHT, LEFT).astype(np.int8),
         step=apart,
@@ -199,6 +217,9 @@ def find_streets(
         most=parameters.maximum_street_width / resolution,
         angle=parameters.maximum_street_angle,
         workers=workers,
+    )
+    seen, width = in_long_strips(
+        samples, opposite, step=apart, gap=_GAP / resolution, least=parameters.minimum_street_length / resolution
     )
     line = number_of[samples.line]
     number = np.bincount(line, minlength=len(chains))
@@ -217,11 +238,8 @@ def find_streets(
 def _side(
     line: NDArray[np.int64], other: NDArray[np.int64], width: NDArray[np.float64], number: NDArray[np.int64]
 ) -> _Side:
-    """Share, median width and most frequent partner (of equals the first) of each line's samples.
-
-    What a line sees of itself is the far side of a roof or shadow.
-    """
-    found = (other >= 0) & (other != line)
+    """Share, median width and most frequent partner (of equals the first) of each line's samples."""
+    found = other >= 0
     line, other, width = line[found], other[found], width[found]
     count = np.bincount(line, minlength=number.size)
     median, partner = np.full(number.size, np.nan), np.full(number.size, -1, np.int64)

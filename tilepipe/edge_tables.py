@@ -9,15 +9,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe.arc_network import Chains, Lines, end_points, join_lines, taken
+from tilepipe.arc_network import Chains, Lines, end_points, join_lines, place_numbers, taken
 from tilepipe.edge_fields import ELEMENT_COLUMNS, PIECE_COLUMNS
 from tilepipe.edge_lines import find_streets, smoothed
 from tilepipe.edge_parameters import EdgeParameters
 from tilepipe.geoparquet import ParquetLineWriter
 from tilepipe.georeference import Geometry
 from tilepipe.ledger import Facts, Ledger
-from tilepipe.reconcile import unite
 from tilepipe_kernels import nevatia_babu, nevatia_babu_links, nevatia_babu_tracing
+from tilepipe_kernels.compiled import loop
 from tilepipe_kernels.crack_lines import TICKS, LinePieces
 from tilepipe_kernels.nevatia_babu_links import EdgeElements
 
@@ -81,13 +81,35 @@ def shape_columns(shape: Shape, geometry: Geometry) -> dict[str, NDArray[Any]]:
     }
 
 
+@loop
+def _group_lengths(places: NDArray[np.int64], lengths: NDArray[np.float64], sums: NDArray[np.float64]) -> None:
+    """Length of the group of each chain; `places` holds the numbers of its two ends, 0 to 2 n - 1."""
+    parent = np.arange(2 * lengths.size)
+    for i in range(lengths.size):
+        a, b = places[2 * i], places[2 * i + 1]
+        while parent[a] != a:
+            parent[a] = parent[parent[a]]
+            a = parent[a]
+        while parent[b] != b:
+            parent[b] = parent[parent[b]]
+            b = parent[b]
+        parent[max(a, b)] = min(a, b)
+    totals = np.zeros(parent.size)
+    # a parent is never the larger number, so that those before have found theirs
+    for place in range(parent.size):
+        parent[place] = parent[parent[place]]
+    for i in range(lengths.size):
+        totals[parent[places[2 * i]]] += lengths[i]
+    for i in range(lengths.size):
+        sums[i] = totals[parent[places[2 * i]]]
+
+
 def long_groups(chains: Chains, lengths: NDArray[np.float64], least: float) -> NDArray[np.bool_]:
-    """Chains of groups that are ``least`` long together; chains that meet at an end are of one group."""
-    if not len(chains):
-        return np.zeros(0, np.bool_)
-    places = np.unique(end_points(chains.offsets, chains.vertices), axis=0, return_inverse=True)[1].reshape(-1, 2)
-    group = unite(int(places.max()) + 1, places.astype(np.int64))[places[:, 0]]
-    return np.asarray(np.bincount(group, lengths)[group] >= least)
+    """Chains of groups that are ``least`` long together; chains that meet at an end, a whole corner, are of one."""
+    ends = place_numbers(end_points(chains.offsets, chains.vertices))
+    sums = np.empty(len(chains))
+    _group_lengths(np.unique(ends, return_inverse=True)[1], np.asarray(lengths, np.float64), sums)
+    return sums >= least
 
 
 def write_edges(path: Path, ledger: Ledger, geometry: Geometry, parameters: EdgeParameters, workers: int) -> int:

@@ -11,17 +11,23 @@ from __future__ import annotations
 
 import math
 import os
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING
 
 from numpy.typing import ArrayLike
 
+from tilepipe.data_extent import area_in_metres, scored_area
 from tilepipe.errors import InputError
 from tilepipe.matching import close_pairs, covered_length, lengths, matched, rms_distance, segments
-from tilepipe.vector_layers import LINES, VectorLayer, in_metres, read_area, read_layer, read_result
+from tilepipe.vector_layers import LINES, VectorLayer, in_metres, read_layer, read_result
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
+
+
+def percent(value: float) -> str:
+    """A share in words."""
+    return "undefined" if math.isnan(value) else f"{100 * value:.1f} %"
 
 
 @dataclass(frozen=True)
@@ -42,6 +48,8 @@ class LineScore:
         when the result is empty.
     rms_distance
         Root mean square distance from the matched part of the result to the truth; NaN when nothing matched.
+    area
+        What both were clipped to, if anything.
     """
 
     completeness: float
@@ -55,23 +63,24 @@ class LineScore:
     matched_truth_length: float
     buffer: float
     direction_tolerance: float | None = None
+    area: str | None = None
 
-    def as_dict(self) -> dict[str, float | None]:
+    def as_dict(self) -> dict[str, float | str | None]:
         """Values for JSON, where NaN (undefined) becomes None."""
-        return {name: None if value is None or math.isnan(value) else value for name, value in asdict(self).items()}
+        return {
+            name: None if isinstance(value, float) and math.isnan(value) else value
+            for name, value in asdict(self).items()
+        }
 
     def summary(self) -> str:
         """Return a table of plain text; lengths are taken as metres."""
-
-        def percent(value: float) -> str:
-            return "undefined" if math.isnan(value) else f"{100 * value:.1f} %"
-
         rms = "undefined" if math.isnan(self.rms_distance) else f"{self.rms_distance:.2f} m"
         match = f"within {self.buffer:g} m"
         if self.direction_tolerance is not None:
             match += f" and {self.direction_tolerance:g} degrees"
         rows = [
             ("match", match),
+            *([("inside", self.area)] if self.area else []),
             ("completeness", f"{percent(self.completeness)}  of {self.truth_length:,.0f} m of truth"),
             ("correctness", f"{percent(self.correctness)}  of {self.result_length:,.0f} m of result"),
             ("quality", percent(self.quality)),
@@ -122,7 +131,7 @@ def evaluate_lines(
     a, b = segments(result, area), segments(truth, area)
     truth_length = float(lengths(b).sum())
     if truth_length == 0:
-        where = "" if area is None else " inside the area"
+        where = "" if area is None else " inside the area (that given, or the extent of the run's data)"
         raise InputError(f"the truth has no lines{where}; give lines to compare with")
     result_length = float(lengths(a).sum())
     pairs = close_pairs(a, b, buffer, direction_tolerance)
@@ -149,7 +158,7 @@ def evaluate(
     result: str | os.PathLike[str] | VectorLayer,
     truth: str | os.PathLike[str] | VectorLayer,
     buffer_m: float,
-    area_path: str | os.PathLike[str] | None = None,
+    area_path: str | os.PathLike[str] | VectorLayer | None = None,
     *,
     direction_tolerance: float | None = None,
 ) -> LineScore:
@@ -169,7 +178,8 @@ def evaluate(
     buffer_m
         Largest distance of a match in metres.
     area_path
-        Vector file of polygons; both sets are clipped to their union.
+        Vector file of polygons; both sets are clipped to their union, by default to the extent of the data of the
+        result's run.
     direction_tolerance
         See `evaluate_lines`.
 
@@ -182,11 +192,13 @@ def evaluate(
     extracted, true = read_result(result).of(LINES), read_layer(truth, "truth").of(LINES)
     metres = extracted.metres_per_unit
     table = true.table.to_crs(extracted.table.crs)
-    area = None if area_path is None else read_area(area_path, extracted.table.crs, metres)
-    return evaluate_lines(
+    within = scored_area(result, area_path)
+    area = None if within is None else area_in_metres(within, extracted.table.crs, metres)
+    score = evaluate_lines(
         extracted.in_metres(),
         in_metres(table.geometry.to_numpy(), metres),
         buffer=buffer_m,
         area=area,
         direction_tolerance=direction_tolerance,
     )
+    return replace(score, area=None if within is None else within.name)

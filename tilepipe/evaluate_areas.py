@@ -11,17 +11,19 @@ from __future__ import annotations
 
 import math
 import os
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tilepipe.boundary_distances import BoundaryScore, boundary_score
+from tilepipe.data_extent import area_in_metres, scored_area
 from tilepipe.errors import InputError
+from tilepipe.evaluate import percent
 from tilepipe.matching import segments
 from tilepipe.polygon_layers import ROUNDING, coverage, polygon_layer
-from tilepipe.vector_layers import POLYGONS, VectorLayer, read_area, read_layer, read_result
+from tilepipe.vector_layers import POLYGONS, VectorLayer, read_layer, read_result
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
@@ -63,6 +65,8 @@ class AreaScore:
         As given to `evaluate_polygons`.
     repaired_result, repaired_truth
         Number of invalid geometries that were repaired.
+    area
+        What both were clipped to, if anything.
     """
 
     completeness: float
@@ -81,6 +85,7 @@ class AreaScore:
     dissolved: bool
     repaired_result: int
     repaired_truth: int
+    area: str | None = None
 
     @property
     def iou(self) -> float:
@@ -105,6 +110,7 @@ class AreaScore:
         )
         rows = [
             ("match", match),
+            *([("inside", self.area)] if self.area else []),
             *_three_rows("area", self, f"{self.truth_area:,.0f} m² of truth", f"{self.result_area:,.0f} m² of result"),
         ]
         for title, score in (
@@ -122,23 +128,19 @@ class AreaScore:
         return "\n".join(f"{name:<16}{value}".rstrip() for name, value in rows)
 
 
-def _percent(value: float) -> str:
-    return "undefined" if math.isnan(value) else f"{100 * value:.1f} %"
-
-
 def _three_rows(title: str, score: AreaScore | ObjectScore, truth: str, result: str) -> list[tuple[str, str]]:
     return [
         (title, ""),
-        ("  completeness", f"{_percent(score.completeness)}  of {truth}"),
-        ("  correctness", f"{_percent(score.correctness)}  of {result}"),
-        ("  quality", _percent(score.quality) + (" (IoU)" if isinstance(score, AreaScore) else "")),
+        ("  completeness", f"{percent(score.completeness)}  of {truth}"),
+        ("  correctness", f"{percent(score.correctness)}  of {result}"),
+        ("  quality", percent(score.quality) + (" (IoU)" if isinstance(score, AreaScore) else "")),
     ]
 
 
 def _boundary_text(score: BoundaryScore, other: str) -> str:
     if math.isnan(score.rms):
         return f"undefined, no boundary of {other} is near"
-    return f"RMS {score.rms:.2f} m, mean {score.mean:.2f} m  of the {_percent(score.near)} near {other}"
+    return f"RMS {score.rms:.2f} m, mean {score.mean:.2f} m  of the {percent(score.near)} near {other}"
 
 
 def evaluate_polygons(
@@ -192,7 +194,8 @@ def evaluate_polygons(
             raise InputError(f"{name} is {value}; give a positive distance")
     a, b = polygon_layer(result, area, dissolve, "result"), polygon_layer(truth, area, dissolve, "truth")
     if not b.area:
-        raise InputError(f"the truth has no polygons{'' if area is None else ' inside the area'}; give some to compare")
+        where = "" if area is None else " inside the area (that given, or the extent of the run's data)"
+        raise InputError(f"the truth has no polygons{where}; give some to compare")
     common, a_share, b_share = coverage(a, b)
     a_matched, b_matched = (share >= overlap * (1 - ROUNDING) for share in (a_share, b_share))
     a_size, b_size = a.sizes(), b.sizes()
@@ -227,7 +230,7 @@ def evaluate_polygons(
 def evaluate_areas(
     result: str | os.PathLike[str] | VectorLayer,
     truth: str | os.PathLike[str] | VectorLayer,
-    area_path: str | os.PathLike[str] | None = None,
+    area_path: str | os.PathLike[str] | VectorLayer | None = None,
     *,
     overlap: float = 0.5,
     minimum_area: float = 50.0,
@@ -238,8 +241,9 @@ def evaluate_areas(
     """Score a file of extracted polygons, or the objects of a run's folder, against a file of true polygons.
 
     Coordinates are turned into metres by the CRS's own unit. The truth must be in the CRS of the result, as a
-    reprojection would move areas and boundaries; `area_path`, a file of polygons, is reprojected. `result` and
-    `truth` may also be layers already read. Parameters and units as in `evaluate_polygons`: metres and square metres.
+    reprojection would move areas and boundaries; `area_path`, a file of polygons to which both are clipped, by default
+    the extent of the data of the result's run, is reprojected. `result` and `truth` may also be layers already read.
+    Parameters and units as in `evaluate_polygons`: metres and square metres.
 
     Raises
     ------
@@ -255,8 +259,9 @@ def evaluate_areas(
             f"the {extracted.name} is in {crs.name} and the {true.name} in {other.name}; "
             "reproject one to the CRS of the other"
         )
-    area = None if area_path is None else read_area(area_path, crs, extracted.metres_per_unit)
-    return evaluate_polygons(
+    within = scored_area(result, area_path)
+    area = None if within is None else area_in_metres(within, crs, extracted.metres_per_unit)
+    score = evaluate_polygons(
         a,
         b,
         overlap=overlap,
@@ -266,6 +271,7 @@ def evaluate_areas(
         area=area,
         dissolve=dissolve,
     )
+    return replace(score, area=None if within is None else within.name)
 
 
 def _same_plane(a: Any, b: Any) -> bool:

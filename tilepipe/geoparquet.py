@@ -13,12 +13,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tilepipe.aside import written_aside
+from tilepipe_kernels.compiled import loop
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 ROW_GROUP = 65536
 GEOMETRY = "geometry"
+
+_WKB_HEADER, _VERTEX, _LINE_STRING = 9, 16, 2
+"""Bytes before the vertices of a line in WKB, and of a vertex; WKB's number of the type."""
+
+_NOWHERE = np.full(4, np.nan)
 
 # GeoParquet's names of the geometry types and the numbers shapely gives them.
 TYPE_ID = {
@@ -131,32 +137,38 @@ class ParquetWriter:
         import pyarrow as pa
         import shapely
 
-        names = [name for name in self.schema.names if name != GEOMETRY]
-        if set(columns) != set(names):
-            raise ValueError(f"the table has the columns {names}, the batch has {sorted(columns)}; give the same")
         found = set(shapely.get_type_id(geometry).tolist())
         if not found <= {TYPE_ID[self._geometry_type]}:
             raise ValueError(f"this table holds {self._geometry_type} only; the batch has other or missing geometries")
+        encoded = pa.array(shapely.to_wkb(geometry, byte_order=1), pa.binary())
+        self._append(columns, encoded, shapely.total_bounds(geometry) if len(geometry) else _NOWHERE)
+
+    def _append(self, columns: Mapping[str, ArrayLike], encoded: pa.Array, bounds: NDArray[np.float64]) -> None:
+        """Append rows whose geometries are encoded as WKB and lie within bounds."""
+        import pyarrow as pa
+
+        names = [name for name in self.schema.names if name != GEOMETRY]
+        if set(columns) != set(names):
+            raise ValueError(f"the table has the columns {names}, the batch has {sorted(columns)}; give the same")
         arrays = []
         for name in names:
             values = np.asarray(columns[name])
-            if values.shape != (len(geometry),):
-                raise ValueError(f"column {name!r} has shape {values.shape}, expected ({len(geometry)},)")
+            if values.shape != (len(encoded),):
+                raise ValueError(f"column {name!r} has shape {values.shape}, expected ({len(encoded)},)")
             try:
                 # a mask instead of from_pandas, which would import pandas
                 missing = np.isnan(values) if values.dtype.kind == "f" else None
                 arrays.append(pa.array(values, mask=missing).cast(self.schema.field(name).type))
             except pa.ArrowException as error:
                 raise ValueError(f"column {name!r} does not fit its declared type: {error}") from error
-        arrays.append(pa.array(shapely.to_wkb(geometry, byte_order=1), pa.binary()))
-        if len(geometry) == 0:
+        if len(encoded) == 0:
             return
-        bounds = shapely.total_bounds(geometry)
+        arrays.append(encoded)
         self._bounds[:2] = np.fmin(self._bounds[:2], bounds[:2])
         self._bounds[2:] = np.fmax(self._bounds[2:], bounds[2:])
         self._waiting.append(pa.table(arrays, schema=self.schema))
-        self._waiting_rows += len(geometry)
-        self.rows += len(geometry)
+        self._waiting_rows += len(encoded)
+        self.rows += len(encoded)
         if self._waiting_rows >= ROW_GROUP:
             self._write_row_groups(all_rows=False)
 
@@ -231,13 +243,65 @@ class ParquetLineWriter:
         ValueError
             Shapes do not match, a line has fewer than two vertices, or a coordinate is not finite.
         """
-        self._table.append(columns, lines_from_ragged(coordinates, offsets))
+        coordinates, offsets = _checked_lines(coordinates, offsets)
+        count = len(offsets) - 1
+        columns = {name: np.asarray(values) for name, values in columns.items()}
+        for name, values in columns.items():
+            if values.shape != (count,):
+                raise ValueError(f"column {name!r} has shape {values.shape}, expected ({count},)")
+        # in parts, since the bytes of one array of arrow are counted in 31 bits
+        for first in range(0, max(count, 1), ROW_GROUP):
+            part = slice(first, min(first + ROW_GROUP, count))
+            within = offsets[part.start : part.stop + 1]
+            points = coordinates[within[0] : within[-1]]
+            bounds = np.concatenate([points.min(axis=0), points.max(axis=0)]) if len(points) else _NOWHERE
+            rows = {name: values[part] for name, values in columns.items()}
+            self._table._append(rows, _encoded_lines(points, within - within[0]), bounds)
+
+
+@loop
+def _write_lines(offsets: NDArray[np.int64], coordinates: NDArray[np.uint8], wkb: NDArray[np.uint8]) -> None:
+    """Bytes of LineStrings one after the other: byte order (little-endian), type, number of vertices, coordinates."""
+    at = 0
+    for line in range(offsets.size - 1):
+        count = offsets[line + 1] - offsets[line]
+        wkb[at], wkb[at + 1] = 1, _LINE_STRING
+        wkb[at + 2 : at + 5] = 0
+        for byte in range(4):
+            wkb[at + 5 + byte] = count >> 8 * byte & 255
+        at += _WKB_HEADER
+        wkb[at : at + _VERTEX * count] = coordinates[_VERTEX * offsets[line] : _VERTEX * offsets[line + 1]]
+        at += _VERTEX * count
+
+
+def _encoded_lines(coordinates: NDArray[np.float64], offsets: NDArray[np.int64]) -> pa.Array:
+    """LineStrings as little-endian WKB."""
+    import pyarrow as pa
+
+    ends = _WKB_HEADER * np.arange(len(offsets)) + _VERTEX * offsets
+    if ends[-1] > np.iinfo(np.int32).max:
+        raise ValueError("lines are too long for one batch; append fewer of them at a time")
+    wkb = np.empty(int(ends[-1]), np.uint8)
+    _write_lines(offsets, coordinates.astype("<f8", copy=False).reshape(-1).view(np.uint8), wkb)
+    buffers = [None, pa.py_buffer(ends.astype(np.int32)), pa.py_buffer(wkb)]
+    return pa.Array.from_buffers(pa.binary(), len(offsets) - 1, buffers)
 
 
 def lines_from_ragged(coordinates: NDArray[np.float64], offsets: NDArray[np.integer]) -> NDArray[np.object_]:
     """Shapely LineStrings of `coordinates` (vertices, 2) float64 split at `offsets` (lines + 1,)."""
     import shapely
 
+    coordinates, offsets = _checked_lines(coordinates, offsets)
+    if len(offsets) == 1:
+        return np.empty(0, dtype=object)
+    lines: NDArray[np.object_] = shapely.from_ragged_array(shapely.GeometryType.LINESTRING, coordinates, (offsets,))
+    return lines
+
+
+def _checked_lines(
+    coordinates: NDArray[np.float64], offsets: NDArray[np.integer]
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Coordinates and offsets of lines that can be written."""
     coordinates = np.ascontiguousarray(coordinates, dtype=np.float64)
     offsets = np.asarray(offsets, dtype=np.int64)
     if coordinates.ndim != 2 or coordinates.shape[1] != 2:
@@ -248,10 +312,7 @@ def lines_from_ragged(coordinates: NDArray[np.float64], offsets: NDArray[np.inte
         raise ValueError("a line needs two vertices or more; drop shorter ones before writing")
     if not np.isfinite(coordinates).all():
         raise ValueError("coordinates must be finite; drop lines with NaN or infinity before writing")
-    if len(offsets) == 1:
-        return np.empty(0, dtype=object)
-    lines: NDArray[np.object_] = shapely.from_ragged_array(shapely.GeometryType.LINESTRING, coordinates, (offsets,))
-    return lines
+    return coordinates, offsets
 
 
 def _is_text(kind: pa.DataType) -> bool:

@@ -125,14 +125,6 @@ def are_polygons(result: VectorLayer, truth: VectorLayer) -> bool:
     return bool(found & set(POLYGONS))
 
 
-def read_area(path: str | os.PathLike[str], crs: Any, metres: float) -> Any:
-    """Union of a file's polygons in metres, reprojected to ``crs``, whose unit has so many metres."""
-    import shapely
-
-    polygons = read_layer(path, "area").of(POLYGONS).table.to_crs(crs)
-    return shapely.union_all(in_metres(shapely.make_valid(polygons.geometry.to_numpy()), metres))
-
-
 def metres_per_unit(crs: Any, name: str) -> float:
     """Length in metres of the unit of a projected CRS; `name` is what an error message calls its owner.
 

@@ -29,6 +29,7 @@ _ZERO = np.uint8(0)
 Flat = NDArray[np.uint8]
 Marks = NDArray[np.bool_]
 Floats = NDArray[np.float32]
+Ranks = NDArray[np.uint32]
 Sites = NDArray[np.int32]
 """Addresses in the flat fields."""
 
@@ -81,7 +82,10 @@ class Block(NamedTuple):
         float32 (plane,): grey values, NaN = no data; of length 0 where labels are given.
     exists
         bool (3 plane,): the sites that exist and can change.
-    offsets, steps, bounds
+    ranks
+        uint32 (3 plane,): whose turn it is among the equally stable (`hcf.site_rank`); those of sites that want to
+        change, once HCF has filled them in.
+    offsets, bounds
         Neighbours of a site of each field, see `Neighbourhoods.offsets`.
     tables
         `energy_tables` of the model.
@@ -93,7 +97,7 @@ class Block(NamedTuple):
     observed: Floats
     exists: Marks
     offsets: NDArray[np.int64]
-    steps: NDArray[np.int64]
+    ranks: Ranks
     bounds: NDArray[np.int64]
     tables: Floats
     frame: Frame

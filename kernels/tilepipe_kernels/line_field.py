@@ -184,8 +184,11 @@ def _sites(labels: Field, observed: Floats | None, model: EdgeModel, origin: tup
     if sure:
         _part(state[X], exists, state)
     frame = Frame(framed[0] * framed[1], framed[1], origin[0] - FRAME, origin[1] - FRAME)
-    arrays = state.reshape(-1), grey.reshape(-1), exists.reshape(-1), *near.offsets(shape), energy_tables(model)
-    return _Sites(Block(*arrays, frame), Weights.of(model, sure), near, shape)
+    offsets, bounds = near.offsets(shape)
+    ranks = np.empty(state.size, np.uint32)
+    fields = state.reshape(-1), grey.reshape(-1), exists.reshape(-1)
+    block = Block(*fields, offsets, ranks, bounds, energy_tables(model), frame)
+    return _Sites(block, Weights.of(model, sure), near, shape)
 
 
 # ------------------------------------------------------------------------------------------------- optimisers

@@ -17,6 +17,7 @@ from .line_energies import (
     Floats,
     Frame,
     Marks,
+    Ranks,
     Sites,
     Weights,
     field_of,
@@ -77,38 +78,35 @@ def serial_hcf(block: Block, weights: Weights) -> int:
 # ------------------------------------------------------------------------------------------------- parallel
 
 
+@loop
+def _rank(ranks: Ranks, frame: Frame, sites: Sites) -> None:
+    for site in sites:
+        ranks[site] = site_rank(*place_of(site, frame))
+
+
 @inlined_rule
 def _is_least(
-    stabilities: Floats, offsets: NDArray[np.int64], steps: NDArray[np.int64], bounds: NDArray[np.int64],
-    frame: Frame, site: int,
-) -> bool:  # fmt: skip
+    stabilities: Floats, ranks: Ranks, offsets: NDArray[np.int64], bounds: NDArray[np.int64], frame: Frame, site: int
+) -> bool:
     """Whether a site that wants to change is the least stable of its neighbourhood, ties by rank."""
     field = field_of(site, frame.plane)
-    own = stabilities[site]
-    blocked, tied = False, False
+    own, rank = stabilities[site], ranks[site]
+    blocked = False
+    # no branches: ties are as frequent as not
     for k in range(bounds[field], bounds[field + 1]):
-        g = stabilities[site + offsets[k]]
-        blocked |= g < own
-        tied |= g == own
-    if blocked or not tied:
-        return not blocked
-    row, column = place_of(site, frame)
-    rank = site_rank(row, column)
-    for k in range(bounds[field], bounds[field + 1]):
-        other = site_rank(row + steps[2 * k], column + steps[2 * k + 1])
-        blocked |= comes_before(stabilities[site + offsets[k]], other, own, rank)
+        other = site + offsets[k]
+        blocked |= comes_before(stabilities[other], ranks[other], own, rank)
     return not blocked
 
 
 @loop
 def _change_least(block: Block, stabilities: Floats, choices: Flat, wanting: Sites, changed: Sites) -> int:
     """Change the least stable sites of all neighbourhoods at once; return how many, listed in `changed`."""
-    state, _, _, offsets, steps, bounds, _, frame = block
+    state, _, _, offsets, ranks, bounds, _, frame = block
     count = 0
     for site in wanting:
-        if stabilities[site] == SURE or _is_least(stabilities, offsets, steps, bounds, frame, site):
-            changed[count] = site
-            count += 1
+        changed[count] = site
+        count += (stabilities[site] == SURE) | _is_least(stabilities, ranks, offsets, bounds, frame, site)
     for site in changed[:count]:
         state[site] = choices[site]
     return count
@@ -144,6 +142,30 @@ def _touch(block: Block, stabilities: Floats, changed: Sites, seen: Marks, touch
 
 
 @loop
+def _one_round(
+    block: Block, weights: Weights, stabilities: Floats, choices: Flat, wanting: Sites, seen: Marks
+) -> Sites:  # fmt: skip
+    """One round; return the sites that want to change after it.  `seen` is all False before and after."""
+    widest = 1 + max(block.bounds[1:] - block.bounds[:-1])
+    changed = np.empty(wanting.size, np.int32)
+    changes = _change_least(block, stabilities, choices, wanting, changed)
+    touched = np.empty(min(changes * widest, seen.size), np.int32)
+    touches = _touch(block, stabilities, changed[:changes], seen, touched)
+    following = np.empty(wanting.size + touches + 1, np.int32)
+    count = 0
+    for site in wanting:
+        following[count] = site
+        count += not seen[site]
+    known = count
+    find_stabilities(block, weights, touched[:touches], stabilities, choices)
+    for site in touched[:touches]:
+        seen[site] = False
+        following[count] = site
+        count += stabilities[site] < NO_WISH
+    _rank(block.ranks, block.frame, following[known:count])
+    return following[:count].copy()
+
+
 def parallel_rounds(
     block: Block, weights: Weights, stabilities: Floats, choices: Flat, wanting: Sites, rounds: int
 ) -> tuple[int, Sites]:
@@ -166,23 +188,11 @@ def parallel_rounds(
         Rounds made, and the sites that still want to change.
     """
     seen = np.zeros(block.state.size, np.bool_)
-    widest = 1 + max(block.bounds[1:] - block.bounds[:-1])
+    _rank(block.ranks, block.frame, wanting)
     made = 0
     while made < rounds and wanting.size > 0:
-        changed = np.empty(wanting.size, np.int32)
-        changes = _change_least(block, stabilities, choices, wanting, changed)
-        touched = np.empty(min(changes * widest, seen.size), np.int32)
-        touches = _touch(block, stabilities, changed[:changes], seen, touched)
-        following = np.empty(wanting.size + touches + 1, np.int32)
-        count = 0
-        for site in wanting:
-            following[count] = site
-            count += not seen[site]
-        find_stabilities(block, weights, touched[:touches], stabilities, choices)
-        for site in touched[:touches]:
-            seen[site] = False
-            following[count] = site
-            count += stabilities[site] < NO_WISH
-        wanting = following[:count].copy()
+        wanting = _one_round(block, weights, stabilities, choices, wanting, seen)
+        # neighbours are then near in memory too
+        wanting.sort()
         made += 1
     return made, wanting

@@ -71,22 +71,20 @@ class Neighbourhoods:
         apart = [i + j for other, i, j in self.neighbours[field] if other == field]
         return next(m for m in range(1, 4 * FRAME + 2) if all(d % m for d in apart))
 
-    def offsets(self, shape: tuple[int, int]) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    def offsets(self, shape: tuple[int, int]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Neighbours as differences of flat addresses in the framed fields of a block.
 
         Returns
         -------
-        offsets, steps, bounds
-            int64: those of field f are ``offsets[bounds[f]:bounds[f + 1]]``; neighbour k is ``steps[2 * k]`` half
-            pixels down and ``steps[2 * k + 1]`` right.
+        offsets, bounds
+            int64: those of field f are ``offsets[bounds[f]:bounds[f + 1]]``.
         """
         width = shape[1] + 2 * FRAME
         plane = (shape[0] + 2 * FRAME) * width
         pairs = [(f, other) for f in (X, H, V) for other in self.neighbours[f]]
         flat = [(g - f) * plane + i * width + j for f, (g, i, j) in pairs]
-        steps = [(2 * i + (g == H) - (f == H), 2 * j + (g == V) - (f == V)) for f, (g, i, j) in pairs]
         bounds = np.cumsum([0] + [len(self.neighbours[f]) for f in (X, H, V)])
-        return np.array(flat, np.int64), np.array(steps, np.int64).reshape(-1), bounds.astype(np.int64)
+        return np.array(flat, np.int64), bounds.astype(np.int64)
 
 
 def neighbourhoods(model: EdgeModel, *, integrated: bool = False) -> Neighbourhoods:

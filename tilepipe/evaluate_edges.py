@@ -1,0 +1,393 @@
+"""Score edge lines against true edges: precision and recall by length, within a tolerance.
+
+A truth of polygons, such as building footprints or road surface, contributes its boundaries, a truth of lines its
+lines.  Where the truth is road surface, the candidates for borders of streets are scored against its boundaries too,
+and their widths against the road's.
+
+Lengths are exact, not sampled (`tilepipe.matching`); widths are sampled.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import asdict, dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tilepipe.data_extent import area_in_metres, scored_area
+from tilepipe.errors import InputError
+from tilepipe.evaluate import evaluate_lines, percent
+from tilepipe.matching import segments
+from tilepipe.vector_layers import LINES, POLYGONS, VectorLayer, in_metres, read_layer, read_result
+
+if TYPE_CHECKING:
+    from geopandas import GeoDataFrame
+    from shapely import STRtree
+    from shapely.geometry.base import BaseGeometry
+
+Geometries = NDArray[np.object_]
+Float = NDArray[np.float64]
+
+TOLERANCE = 1.0
+"""Farthest match of an edge in metres, unless told otherwise."""
+
+_TABLE = {"contrast", "straightness", "sinuosity"}
+"""Columns that both tables of `edges` have, and no other."""
+
+_STEP = 1.0
+"""Distance of the points at which widths are compared (m)."""
+
+_ASLANT = 1.2
+"""Largest distance of the two borders at a point, as a multiple of the street's width; beyond, one has ended."""
+
+
+@dataclass(frozen=True)
+class StreetBorderScore:
+    """How well candidates for borders of streets agree with the boundaries of road surface; lengths in metres.
+
+    Attributes
+    ----------
+    precision
+        Length of the candidates near the boundaries / length of the candidates; NaN where there are none.
+    recall
+        Length of the boundaries near candidates / length of the boundaries.
+    count, length
+        Of the candidates.
+    width_bias, width_rms
+        Mean and root mean square of the street's width less the road's, over the points of candidates where both
+        borders lie on boundaries of the truth with road between them; NaN where there are none.
+    width_length
+        Length of candidates over which that holds.
+    """
+
+    precision: float
+    recall: float
+    count: int
+    length: float
+    width_bias: float
+    width_rms: float
+    width_length: float
+
+
+@dataclass(frozen=True)
+class EdgeScore:
+    """How well edge lines (`result`) agree with true edges (`truth`); lengths in metres.
+
+    Attributes
+    ----------
+    precision
+        Length of the result within the tolerance of the truth / length of the result; NaN when the result is empty.
+        Low where the truth holds only some of the edges of the image, such as those of buildings.
+    recall
+        Length of the truth within the tolerance of the result / length of the truth.
+    f_score
+        Their harmonic mean.
+    rms_distance
+        Root mean square distance from the matched part of the result to the truth; NaN when nothing matched.
+    street_borders
+        Score of the candidates for borders of streets, if asked for.
+    area
+        What both were clipped to, if anything.
+    """
+
+    precision: float
+    recall: float
+    f_score: float
+    rms_distance: float
+    result_length: float
+    truth_length: float
+    tolerance: float
+    direction_tolerance: float | None = None
+    street_borders: StreetBorderScore | None = None
+    area: str | None = None
+
+    def as_dict(self) -> dict[str, Any]:
+        """Values for JSON, where NaN (undefined) becomes None."""
+
+        def defined(value: Any) -> Any:
+            if isinstance(value, dict):
+                return {name: defined(inner) for name, inner in value.items()}
+            return None if isinstance(value, float) and math.isnan(value) else value
+
+        values: dict[str, Any] = defined(asdict(self))
+        return values
+
+    def summary(self) -> str:
+        """Return a table of plain text."""
+        match = f"edges within {self.tolerance:g} m"
+        if self.direction_tolerance is not None:
+            match += f" and {self.direction_tolerance:g} degrees"
+        rows = [
+            ("match", match),
+            *([("inside", self.area)] if self.area else []),
+            ("precision", f"{percent(self.precision)}  of {self.result_length:,.0f} m of result"),
+            ("recall", f"{percent(self.recall)}  of {self.truth_length:,.0f} m of truth"),
+            ("F-score", percent(self.f_score)),
+            ("RMS distance", _metres(self.rms_distance)),
+        ]
+        if self.street_borders is not None:
+            rows += _street_rows(self.street_borders, self.truth_length)
+        return "\n".join(f"{name:<16}{value}".rstrip() for name, value in rows)
+
+
+def _metres(value: float) -> str:
+    return "undefined" if math.isnan(value) else f"{value:.2f} m"
+
+
+def _street_rows(score: StreetBorderScore, truth_length: float) -> list[tuple[str, str]]:
+    if score.width_length:
+        width = f"RMS {_metres(score.width_rms)}, mean {score.width_bias:+.2f} m  over {score.width_length:,.0f} m"
+    else:
+        width = "undefined, no two borders match"
+    return [
+        ("street borders", ""),
+        ("  precision", f"{percent(score.precision)}  of {score.length:,.0f} m of {score.count:,} candidates"),
+        ("  recall", f"{percent(score.recall)}  of {truth_length:,.0f} m of truth"),
+        ("  width error", width),
+    ]
+
+
+def is_edges(layer: VectorLayer) -> bool:
+    """Whether a layer is one of the tables that `edges` writes."""
+    return set(layer.table.columns) >= _TABLE
+
+
+def true_edges(truth: ArrayLike, *, dissolve: bool = False) -> Geometries:
+    """Lines of a truth: its lines as they are, and the boundaries of its polygons.
+
+    Parameters
+    ----------
+    truth
+        Shapely lines and polygons. Missing and empty geometries do not count, invalid polygons are repaired.
+    dissolve
+        Merge polygons that touch or overlap. Otherwise a boundary that two polygons share is an edge, and counts
+        once.
+    """
+    import shapely
+
+    rows: Geometries = np.atleast_1d(np.asarray(truth, dtype=object)).ravel()
+    rows = rows[~(shapely.is_missing(rows) | shapely.is_empty(rows))]
+    polygon = np.isin(shapely.get_type_id(rows), (shapely.GeometryType.POLYGON, shapely.GeometryType.MULTIPOLYGON))
+    # a repair may leave a collection, with a multipolygon in it
+    parts = shapely.get_parts(shapely.get_parts(shapely.make_valid(rows[polygon])))
+    parts = parts[shapely.get_type_id(parts) == shapely.GeometryType.POLYGON]
+    if dissolve:
+        parts = shapely.get_parts(shapely.union_all(parts))
+    outlines = shapely.get_parts(shapely.union_all(shapely.boundary(parts)))
+    return np.concatenate([rows[~polygon], outlines])
+
+
+def evaluate_edge_lines(
+    result: ArrayLike,
+    truth: ArrayLike,
+    *,
+    tolerance: float = TOLERANCE,
+    area: BaseGeometry | None = None,
+    direction_tolerance: float | None = None,
+    dissolve: bool = False,
+) -> EdgeScore:
+    """Score `result`, shapely lines, against the edges of `truth` in one plane; all lengths in metres.
+
+    Parameters
+    ----------
+    result
+        Lines.
+    truth
+        Lines and polygons; see `true_edges`, also for ``dissolve``.
+    tolerance
+        Largest distance of a match, inclusive; positive.
+    area
+        Polygon to which both are clipped; its own border is no edge.
+    direction_tolerance
+        Largest angle in degrees, 0 to 90, between two matching segments; None = any.
+
+    Raises
+    ------
+    InputError
+        A tolerance is out of range, or no truth lies in the area.
+    """
+    if not 0 < tolerance < math.inf:
+        raise InputError(f"tolerance is {tolerance}; give a positive distance in metres")
+    lines = evaluate_lines(
+        result,
+        true_edges(truth, dissolve=dissolve),
+        buffer=tolerance,
+        area=area,
+        direction_tolerance=direction_tolerance,
+    )
+    precision, recall = lines.correctness, lines.completeness
+    both = precision + recall
+    return EdgeScore(
+        precision=precision,
+        recall=recall,
+        f_score=2 * precision * recall / both if both > 0 else 0.0,
+        rms_distance=lines.rms_distance,
+        result_length=lines.result_length,
+        truth_length=lines.truth_length,
+        tolerance=tolerance,
+        direction_tolerance=direction_tolerance,
+    )
+
+
+def evaluate_edges(
+    result: str | os.PathLike[str] | VectorLayer,
+    truth: str | os.PathLike[str] | VectorLayer,
+    tolerance: float = TOLERANCE,
+    area_path: str | os.PathLike[str] | VectorLayer | None = None,
+    *,
+    direction_tolerance: float | None = None,
+    dissolve: bool = False,
+    road_surface: bool = False,
+) -> EdgeScore:
+    """Score a file of edge lines, or the edges of a run's folder, against a file of true lines or polygons.
+
+    Truth and area are reprojected (vertex by vertex) to the CRS of the result; lengths are metres in any unit of it.
+
+    Parameters
+    ----------
+    result
+        A vector file, the folder of a finished ``edges`` run, or a layer already read.
+    truth
+        A vector file of lines or polygons, or a layer already read.
+    tolerance
+        Largest distance of a match in metres.
+    area_path
+        Vector file of polygons to which both are clipped; by default the extent of the data of the result's run.
+    direction_tolerance, dissolve
+        See `evaluate_edge_lines`.
+    road_surface
+        The truth is polygons of road surface: they are dissolved, and the candidates for borders of streets are
+        scored against their boundaries too.
+
+    Raises
+    ------
+    InputError
+        A file is missing or unreadable, holds other geometries, or names no CRS; the result's CRS is geographic; the
+        truth is empty; road surface is no polygons, or the result holds no candidates for borders of streets.
+    """
+    extracted = read_result(result).of(LINES)
+    metres, crs = extracted.metres_per_unit, extracted.table.crs
+    true = read_layer(truth, "truth").of(POLYGONS if road_surface else LINES + POLYGONS)
+    geometry = in_metres(true.table.to_crs(crs).geometry.to_numpy(), metres)
+    within = scored_area(result, area_path)
+    area = None if within is None else area_in_metres(within, crs, metres)
+    lines = extracted.in_metres()
+    score = evaluate_edge_lines(
+        lines,
+        geometry,
+        tolerance=tolerance,
+        area=area,
+        direction_tolerance=direction_tolerance,
+        dissolve=dissolve or road_surface,
+    )
+    streets = None
+    if road_surface:
+        if "street_border" not in extracted.table:
+            raise InputError(f"the {extracted.name} has no column street_border; give edges.parquet of a run")
+        streets = street_border_score(extracted.table, lines, geometry, tolerance, area)
+    return replace(score, street_borders=streets, area=None if within is None else within.name)
+
+
+def street_border_score(
+    table: GeoDataFrame, lines: Geometries, surface: ArrayLike, tolerance: float, area: BaseGeometry | None = None
+) -> StreetBorderScore:
+    """Score the candidates for borders of streets against road surface.
+
+    Parameters
+    ----------
+    table
+        ``edges.parquet``.
+    lines
+        Its geometries in metres.
+    surface
+        Polygons of road surface in metres.
+    tolerance
+        Largest distance of a match in metres.
+    area
+        Polygon to which candidates and boundaries are clipped.
+    """
+    import shapely
+
+    candidate = table["street_border"].to_numpy(bool)
+    boundary = true_edges(surface, dissolve=True)
+    score = evaluate_lines(lines[candidate], boundary, buffer=tolerance, area=area)
+    number = {line: row for row, line in enumerate(table["line_id"])}
+    partner = np.array([number.get(line, -1) for line in table["street_partner"]], np.int64)
+    paired = np.flatnonzero(candidate & (partner >= 0))
+    road = shapely.union_all(shapely.make_valid(np.asarray(surface, dtype=object)))
+    error = width_errors(
+        lines[paired], lines[partner[paired]], table["street_width_m"].to_numpy(float)[paired], road, tolerance, area
+    )
+    return StreetBorderScore(
+        precision=score.correctness,
+        recall=score.completeness,
+        count=int(candidate.sum()),
+        length=score.result_length,
+        width_bias=float(error.mean()) if error.size else math.nan,
+        width_rms=float(np.sqrt((error**2).mean())) if error.size else math.nan,
+        width_length=_STEP * error.size,
+    )
+
+
+def width_errors(
+    borders: Geometries,
+    partners: Geometries,
+    widths: Float,
+    road: BaseGeometry,
+    tolerance: float,
+    area: BaseGeometry | None = None,
+) -> Float:
+    """Width of a street less that of the true road, at points 1 m apart along borders.
+
+    Parameters
+    ----------
+    borders, partners
+        Lines in pairs, the borders of one street.
+    widths
+        Of these streets.
+    road
+        True road surface, one valid geometry.
+    tolerance
+        Farthest that a border may lie from the road's boundary.
+    area
+        Only points in it count.
+
+    Returns
+    -------
+    ndarray
+        One value for each point where both borders are near the boundary and the middle of the two is road.
+    """
+    import shapely
+
+    pieces = np.maximum(1, np.rint(shapely.length(borders) / _STEP).astype(np.int64))
+    line = np.repeat(np.arange(len(borders)), pieces)
+    place = (np.arange(line.size) - np.repeat(np.cumsum(pieces) - pieces, pieces) + 0.5) / pieces[line]
+    points = shapely.line_interpolate_point(borders[line], place, normalized=True)
+    if area is not None:
+        inside = shapely.intersects(area, points)
+        line, points = line[inside], points[inside]
+    across = shapely.shortest_line(points, partners[line])
+    beside = shapely.length(across) <= _ASLANT * widths[line]
+    line, points, opposite = line[beside], points[beside], shapely.get_point(across[beside], 1)
+    boundary = shapely.STRtree(shapely.linestrings(segments(shapely.boundary(road))))
+    own, other = _nearest_on(boundary, points, tolerance), _nearest_on(boundary, opposite, tolerance)
+    both = np.isfinite(own + other).all(axis=1)
+    line, own, other = line[both], own[both], other[both]
+    shapely.prepare(road)
+    across_road = shapely.contains_xy(road, (own + other) / 2)
+    error: Float = (widths[line] - np.hypot(*(own - other).T))[across_road]
+    return error
+
+
+def _nearest_on(lines: STRtree, points: Geometries, reach: float) -> Float:
+    """Places (n, 2) on lines nearest to points; NaN where none is within reach."""
+    import shapely
+
+    near, line = lines.query_nearest(points, max_distance=reach, all_matches=False)
+    places = np.full((len(points), 2), np.nan)
+    nearest = shapely.shortest_line(points[near], lines.geometries[line])
+    places[near] = shapely.get_coordinates(shapely.get_point(nearest, 1))
+    return places
