@@ -5,6 +5,10 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+# Where there is no GPU numba simulates one; it reads this when it is first imported.
+if os.environ.get("TILEPIPE_GPU", "0") in ("", "0"):
+    os.environ.setdefault("NUMBA_ENABLE_CUDASIM", "1")
+
 import pytest
 from hypothesis import settings
 
@@ -20,3 +24,12 @@ def shared_data() -> Path:
     if not folder.is_dir():
         pytest.skip(f"the real sample data are not here ({folder})")
     return folder
+
+
+def pytest_sessionfinish() -> None:
+    """Keep the types of all grids that were simulated where `tests.device.compile_for_gpu` looks for them."""
+    folder = os.environ.get("TILEPIPE_LAUNCHED")
+    if folder:
+        from tests.device.compile_for_gpu import keep
+
+        keep(Path(folder))

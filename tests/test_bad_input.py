@@ -220,6 +220,8 @@ def test_parameters(monkeypatch, capsys, tmp_path, good, setting, words):
     ],
 )
 def test_options(monkeypatch, capsys, tmp_path, good, option, words):
+    # as on a machine without a GPU, where nothing simulates one
+    monkeypatch.setenv("NUMBA_ENABLE_CUDASIM", "0")
     if words is None:
         code, _ = run(monkeypatch, capsys, "streets", good, "--out", tmp_path / "run", "--help")
         assert code == 0

@@ -10,6 +10,7 @@ from tilepipe_kernels import car
 from tilepipe_kernels.car import CarModel, expect, perturb_and_map, sample, sample_grid, sample_variances
 from tilepipe_kernels.car_chain import Variances
 from tilepipe_kernels.car_exact import measure
+from tilepipe_kernels.car_states import Gibbs
 from tilepipe_kernels.car_sweeps import BLOCK, normal_tail, probability_of_same
 from tilepipe_kernels.colouring import colour_graph, order_by_colour
 from tilepipe_kernels.convergence import effective_sample_size
@@ -183,7 +184,7 @@ def test_a_component_numbered_within_another_graph_draws_the_same(method):
         return
     results = []
     for these, ids in ((scene, np.arange(10) + 4), (alone, part + 4)):
-        chain = car._Gibbs(these.model(), ids, np.uint64(1), 1, None)
+        chain = Gibbs(these.model(), ids, np.uint64(1), 1, None)
         variances = Variances(car.Priors(), 4, 10, 0, True, np.uint64(1), 0.5, 0.2)
         for sweep in range(3):
             roughness, misfit = chain.draw(variances, sweep)

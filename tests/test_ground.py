@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from tests.naive import ground as naive
 from tilepipe_kernels.ground import (
-    _lowest_of_cells,
     _terrain,
     ground_height,
     half_widths,
@@ -18,6 +17,7 @@ from tilepipe_kernels.ground import (
     window_highest,
     window_lowest,
 )
+from tilepipe_kernels.ground_loops import lowest_of_cells
 
 Floats = NDArray[np.float32]
 
@@ -55,7 +55,7 @@ def test_cells_and_objects_are_those_of_brute_force() -> None:
     dsm, _ = city(70, 90, missing=0.4)
     shape, origin = (19, 24), (3, 2)
     low = np.empty(shape, np.float32)
-    _lowest_of_cells(low, dsm, 4, *origin)
+    lowest_of_cells(low, dsm, 4, *origin)
     expected = naive.lowest_of_cells(dsm, 4, origin)
     assert {tuple(cell) for cell in np.argwhere(np.isfinite(low)).tolist()} == set(expected)
     for cell, lowest in expected.items():

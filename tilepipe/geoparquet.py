@@ -245,17 +245,17 @@ class ParquetLineWriter:
         """
         coordinates, offsets = _checked_lines(coordinates, offsets)
         count = len(offsets) - 1
-        columns = {name: np.asarray(values) for name, values in columns.items()}
-        for name, values in columns.items():
-            if values.shape != (count,):
-                raise ValueError(f"column {name!r} has shape {values.shape}, expected ({count},)")
+        arrays: dict[str, NDArray[Any]] = {name: np.asarray(values) for name, values in columns.items()}
+        for name, array in arrays.items():
+            if array.shape != (count,):
+                raise ValueError(f"column {name!r} has shape {array.shape}, expected ({count},)")
         # in parts, since the bytes of one array of arrow are counted in 31 bits
         for first in range(0, max(count, 1), ROW_GROUP):
             part = slice(first, min(first + ROW_GROUP, count))
             within = offsets[part.start : part.stop + 1]
             points = coordinates[within[0] : within[-1]]
             bounds = np.concatenate([points.min(axis=0), points.max(axis=0)]) if len(points) else _NOWHERE
-            rows = {name: values[part] for name, values in columns.items()}
+            rows = {name: array[part] for name, array in arrays.items()}
             self._table._append(rows, _encoded_lines(points, within - within[0]), bounds)
 
 
@@ -303,16 +303,16 @@ def _checked_lines(
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Coordinates and offsets of lines that can be written."""
     coordinates = np.ascontiguousarray(coordinates, dtype=np.float64)
-    offsets = np.asarray(offsets, dtype=np.int64)
+    starts: NDArray[np.int64] = np.asarray(offsets, dtype=np.int64)
     if coordinates.ndim != 2 or coordinates.shape[1] != 2:
         raise ValueError(f"coordinates must have shape (vertices, 2), got {coordinates.shape}")
-    if offsets.ndim != 1 or len(offsets) == 0 or offsets[0] != 0 or offsets[-1] != len(coordinates):
+    if starts.ndim != 1 or len(starts) == 0 or starts[0] != 0 or starts[-1] != len(coordinates):
         raise ValueError("offsets must be one-dimensional and run from 0 to the number of vertices")
-    if (np.diff(offsets) < 2).any():
+    if (np.diff(starts) < 2).any():
         raise ValueError("a line needs two vertices or more; drop shorter ones before writing")
     if not np.isfinite(coordinates).all():
         raise ValueError("coordinates must be finite; drop lines with NaN or infinity before writing")
-    return coordinates, offsets
+    return coordinates, starts
 
 
 def _is_text(kind: pa.DataType) -> bool:

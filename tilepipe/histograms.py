@@ -9,13 +9,14 @@ from numpy.typing import NDArray
 
 from tilepipe.ledger import Facts
 from tilepipe_kernels import levels
+from tilepipe_kernels.arrays import namespace
 
 
 def as_facts(counted: Mapping[str, NDArray[np.int64]]) -> Facts:
     """Named histograms (`levels.histogram`) by their filled bins alone."""
     facts: Facts = {}
     for name, counts in counted.items():
-        bins = np.flatnonzero(counts)
+        bins = namespace(counts).flatnonzero(counts)
         facts |= {f"{name}:bins": bins.astype(np.int32), f"{name}:counts": counts[bins]}
     return facts
 

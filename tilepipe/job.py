@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -12,11 +13,13 @@ from pydantic import BaseModel
 
 from tilepipe import __version__
 from tilepipe.export import convert
+from tilepipe.grid import TileGrid
 from tilepipe.options import RunOptions
-from tilepipe.passes import Progress, Silent
+from tilepipe.passes import Pass, Progress, Silent, StateArray, TileFunction
 from tilepipe.planning import Plan
 from tilepipe.raster import Raster
 from tilepipe.run import Record, Run, absolute_name, open_run
+from tilepipe_kernels.arrays import Backend, device_memory
 
 PICTURES = ("quicklook.png", "quicklook_detail.png", "quicklook_buildings.png", "report.html")
 
@@ -59,6 +62,11 @@ class Job(ABC):
     def layers(self, run: Run) -> list[Path]:
         """Passes and reconciliations; returns the finished layers in the state folder."""
 
+    @cached_property
+    def backend(self) -> Backend:
+        """The backend of the passes, as resolved."""
+        return self.options.resolved_backend()
+
     @property
     def resolution(self) -> float:
         """Pixel size in metres."""
@@ -69,9 +77,33 @@ class Job(ABC):
     def tile_shape(self) -> tuple[int, int]:
         """Rows and columns of a tile."""
 
+    @property
+    @abstractmethod
+    def grid(self) -> TileGrid:
+        """Tiling of the raster."""
+
+    def device_pass(
+        self,
+        name: str,
+        function: TileFunction,
+        context: Any,
+        halo: int,
+        writes: Mapping[str, StateArray] | None = None,
+        *,
+        bytes_per_pixel: int,
+    ) -> Pass:
+        """A pass that works on arrays of the run's backend; its context has been told the same one."""
+        return Pass(
+            name, function, context, self.grid, halo, writes or {}, bytes_per_pixel, self.backend,
+            self.options.device_memory,
+        )  # fmt: skip
+
     def run(self, out: str | Path, progress: Progress | None) -> list[Path]:
         """Run or resume in a folder; returns the published layers."""
-        self.plan().check(self.options)
+        plan = self.plan()
+        plan.check(self.options)
+        if self.backend == "cupy" and not self.options.uses_cluster:
+            plan.check_device(device_memory(), self.options)
         record = self.record(out)
         with open_run(Path(out).absolute(), record, self.identity(), self.options, progress or Silent()) as run:
             layers = self.layers(run)
@@ -93,17 +125,22 @@ class Job(ABC):
     def identity(self) -> Record:
         """Everything that decides the state on disk."""
         sources = [member.source for raster in (self.raster, *self.others.values()) for member in raster.members]
-        return {
-            "command": self.command,
-            "version": __version__,
-            "sources": [f"{absolute_name(source.name)} {source.stamp}" for source in sources],
-            "raster": asdict(self.raster.geometry) | {"tile": list(self.tile_shape), "band": self.band},
-            "parameters": self.parameters.model_dump(),
-        } | ({"seed": self.options.seed} if self.seeded else {})
+        of_device = {"backend": self.backend} if self.backend == "cupy" else {}
+        return (
+            {
+                "command": self.command,
+                "version": __version__,
+                "sources": [f"{absolute_name(source.name)} {source.stamp}" for source in sources],
+                "raster": asdict(self.raster.geometry) | {"tile": list(self.tile_shape), "band": self.band},
+                "parameters": self.parameters.model_dump(),
+            }
+            | ({"seed": self.options.seed} if self.seeded else {})
+            | of_device
+        )
 
     def record(self, out: str | Path) -> Record:
         """Everything as resolved, for ``run.toml``."""
-        options = asdict(self.options)
+        options = asdict(self.options) | {"backend": self.backend}
         options.pop("overwrite")
         inputs: dict[str, Any] = {"rasters": [absolute_name(name) for name in self.raster.names]}
         inputs |= {key: [absolute_name(name) for name in raster.names] for key, raster in self.others.items()}

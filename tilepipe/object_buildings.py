@@ -19,6 +19,7 @@ from tilepipe.object_merge import Merged
 from tilepipe.object_parameters import ObjectParameters
 from tilepipe.object_relief import Relief
 from tilepipe.reconcile import unite
+from tilepipe_kernels.arrays import Backend, to_backend, to_host
 from tilepipe_kernels.mixture import ClassPrior, fit_mixture
 from tilepipe_kernels.region_field import field_marginals
 
@@ -60,7 +61,14 @@ class Buildings:
 
 
 def find_buildings(
-    leaves: Leaves, relief: Relief, merged: Merged, parameters: ObjectParameters, *, resolution: float, seed: int = 0
+    leaves: Leaves,
+    relief: Relief,
+    merged: Merged,
+    parameters: ObjectParameters,
+    *,
+    resolution: float,
+    seed: int = 0,
+    backend: Backend = "numpy",
 ) -> Buildings:
     """Tell buildings from the rest.
 
@@ -76,6 +84,8 @@ def find_buildings(
         Pixel size in m.
     seed
         Seed of the random numbers.
+    backend
+        Where to fit the classes and sample the field.
     """
     regions, region = merged.mean.size, merged.region
     pixels = leaves.statistics.count
@@ -87,7 +97,7 @@ def find_buildings(
     raised = above >= parameters.minimum_building_height
     probability = np.zeros(regions)
     sites = leaves.first[_first_members(region, regions)]
-    probability[raised] = _probabilities(merged, features, area, raised, sites, resolution, seed)
+    probability[raised] = _probabilities(merged, features, area, raised, sites, resolution, seed, backend)
     building = _joined(merged.graph.edges, probability > 0.5, area, parameters.minimum_building_area)
     return Buildings(above, highest_above, probability, building)
 
@@ -118,20 +128,23 @@ def _probabilities(
     sites: NDArray[np.int64],
     resolution: float,
     seed: int,
+    backend: Backend,
 ) -> NDArray[np.float64]:
     """Probabilities of the raised regions: the mixture says what each is by itself, the field joins them."""
     features, area = features[raised], area[raised]
     known = np.isfinite(features).all(axis=1)
-    mixture = fit_mixture(features[known], area[known], (ROOF, CROWN))
+    of_known = to_backend(features[known], backend)
+    mixture = fit_mixture(of_known, to_backend(area[known], backend), (ROOF, CROWN))
     evidence = np.zeros(known.size)
-    evidence[known] = mixture.evidence(features[known]) * area[known] / EVIDENCE_AREA
+    evidence[known] = to_host(mixture.evidence(of_known)) * area[known] / EVIDENCE_AREA
     graph = merged.graph
     among = raised[graph.edges].all(axis=1)
     ends = graph.edges[among]
     step = graph.statistics.mean[ends[:, 0]] - graph.statistics.mean[ends[:, 1]]
     coupling = COUPLING * resolution * graph.length[among] / (1 + (step / STEP) ** 2)
     number = np.cumsum(raised, dtype=np.int32) - np.int32(1)
-    return field_marginals(number[ends], coupling, evidence, sites=sites[raised], seed=seed)
+    field = (to_backend(array, backend) for array in (number[ends], coupling, evidence))
+    return to_host(field_marginals(*field, sites=to_backend(sites[raised], backend), seed=seed))
 
 
 def _joined(

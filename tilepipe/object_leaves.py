@@ -15,6 +15,7 @@ from tilepipe.passes import StateArray, write_state
 from tilepipe.raster import Raster
 from tilepipe.seams import edge_facts
 from tilepipe_kernels import adjacency, extremes, quadtree
+from tilepipe_kernels.arrays import Backend, namespace, to_backend
 
 _FARTHEST = 30_000
 """No height lies farther from zero, in metres."""
@@ -31,6 +32,7 @@ class LeafContext:
     parameters: ObjectParameters
     grid: TileGrid
     labels: StateArray
+    backend: Backend = "numpy"
 
     @property
     def sides(self) -> tuple[int, int]:
@@ -54,32 +56,38 @@ def to_ticks(
     """Heights in a unit of ``metres`` as whole millimetres, NaN as `quadtree.MISSING`; and which were none.
 
     What is farther than 30 km from zero, or than leaves of ``largest_leaf`` pixels can add up, is no height: it
-    becomes missing as well and is marked.
+    becomes missing as well and is marked.  Arrays of a device stay there.
     """
-    scaled = np.rint(heights.astype(np.float64) * (metres * TICKS_PER_METRE))
+    xp = namespace(heights)
+    scaled = xp.rint(heights.astype(np.float64) * (metres * TICKS_PER_METRE))
     most = min(_FARTHEST * TICKS_PER_METRE, quadtree.REACH // largest_leaf)
-    absurd = np.abs(scaled) > most
-    ticks = np.where(absurd | np.isnan(scaled), quadtree.MISSING, scaled).astype(np.int32)
+    absurd = xp.abs(scaled) > most
+    ticks = xp.where(absurd | xp.isnan(scaled), quadtree.MISSING, scaled).astype(np.int32)
     return ticks, absurd
 
 
 def find_leaves(context: LeafContext, tile: Tile) -> Facts:
-    """Tile function: facts are the leaves, their relief, their contacts, and the labels along the seams."""
+    """Tile function: facts are the leaves, their relief, their contacts, and the labels along the seams.
+
+    All arrays lie where the context's backend has them, until they are written.
+    """
     core, inner = tile.core, tile.core_in_padded.slices
     smallest, largest = context.sides
-    around, absurd = to_ticks(context.raster.read(tile.padded), context.raster.geometry.height_metres, largest)
-    ticks = np.ascontiguousarray(around[inner])
+    heights = to_backend(context.raster.read(tile.padded), context.backend)
+    xp = namespace(heights)
+    around, absurd = to_ticks(heights, context.raster.geometry.height_metres, largest)
+    ticks = xp.ascontiguousarray(around[inner])
     threshold = (context.parameters.split_deviation * TICKS_PER_METRE) ** 2
     labels, leaves = quadtree.split(
         ticks, threshold=threshold, smallest=smallest, largest=largest, origin=(core.top, core.left)
     )
     edges, length = adjacency.contacts(labels, leaves.first.size)
-    row, column = np.divmod(leaves.first, core.columns)
+    row, column = xp.divmod(leaves.first, core.columns)
     facts: Facts = {name: getattr(leaves, name) for name in SUMMED}
     facts["first"] = (row + core.top) * context.grid.shape[1] + column + core.left
     lowest, highest = extremes.label_extremes(labels, ticks, leaves.first.size)
     facts |= {"edges": edges, "length": length, "lowest": lowest, "highest": highest}
-    facts["absurd"] = np.array([np.count_nonzero(absurd[inner])])
+    facts["absurd"] = xp.sum(absurd[inner], dtype=np.int64, keepdims=True).reshape(1)
     if context.parameters.buildings:
         facts |= context.relief.measure(around, labels, leaves.count, tile)
     return facts | write_state({"labels": context.labels}, tile, {"labels": labels}) | edge_facts("label", labels)

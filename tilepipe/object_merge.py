@@ -3,19 +3,25 @@
 The variances are sampled once, on the leaves.  Rounds of merging then go by probabilities at the posterior means, which
 take no sampling; the probabilities that are published come from the full sampler on the merged graph, and what still
 merges by them begins further rounds.
+
+The graph of a whole raster is one: with the backend cupy it is uploaded once, sampled and merged on the device, and
+what is left of it downloaded once.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tilepipe.object_parameters import ObjectParameters
+from tilepipe_kernels.arrays import Backend, namespace, to_backend, to_host
 from tilepipe_kernels.car import CarModel, Posterior, Traces, expect, sample, sample_variances
-from tilepipe_kernels.merging import RegionGraph, join_small, merge_best
+from tilepipe_kernels.merging import RegionGraph, Statistics, first_members, join_small, merge_best
 
 _FEW_BORDERS = 0.02
 """Rounds end when fewer than this share of all borders can merge: small regions come first then, and free the rest."""
@@ -61,6 +67,7 @@ def merge_regions(
     seed: int = 0,
     workers: int = 1,
     tell: Tell | None = None,
+    backend: Backend = "numpy",
 ) -> Merged:
     """Sample and merge until nothing merges.
 
@@ -80,15 +87,20 @@ def merge_regions(
         Threads; they do not show in the result.
     tell
         Called with (stage, done, total) after each round.
+    backend
+        Where to sample and merge; it does not show in the result.
 
     Returns
     -------
     Merged
+        On the host.
     """
+    move = partial(to_backend, backend=backend)
+    graph, sites = _moved(graph, move), move(sites)
     sampler = _Sampler(parameters, seed, workers)
     first = sampler.variances(graph, sites)
     smoothness, noise = float(first.smoothness.mean()), float(first.noise.mean())
-    state = _State(parameters, graph, np.arange(sites.size, dtype=np.int32), tell)
+    state = _State(parameters, graph, namespace(sites).arange(sites.size, dtype=np.int32), tell)
     del graph
     smallest = parameters.smallest_region(resolution)
     while True:
@@ -96,14 +108,19 @@ def merge_regions(
         # what small regions have joined may be one with its neighbours now, so that merging goes on after them
         state.join_small(smallest)
         state.merge_expected(smoothness, noise, workers, 0.0)
-        posterior = sampler.posterior(state.graph, sites[_first_members(state.region)], noise, round=state.rounds)
+        posterior = sampler.posterior(state.graph, sites[state.first_leaves()], noise, round=state.rounds)
         assert posterior.same is not None
         if not state.merge(posterior.same):
             if tell is not None:
                 tell("merge", state.rounds, state.rounds)
-            return Merged(
-                state.region, state.graph, posterior.same, posterior.mean, posterior.sd, first, state.rounds
-            )  # fmt: skip
+            same, mean, deviation = map(to_host, (posterior.same, posterior.mean, posterior.sd))
+            graph = _moved(state.graph, to_host)
+            return Merged(to_host(state.region), graph, same, mean, deviation, first, state.rounds)
+
+
+def _moved(graph: RegionGraph, move: Callable[[NDArray[Any]], NDArray[Any]]) -> RegionGraph:
+    s = graph.statistics
+    return RegionGraph(Statistics(move(s.count), move(s.mean), move(s.spread)), move(graph.edges), move(graph.length))
 
 
 @dataclass
@@ -119,7 +136,8 @@ class _State:
     def merge(self, probability: NDArray[np.float32], share: float = 0.0) -> bool:
         """One round; whether more than a share of the borders could merge and rounds were left."""
         p = self.parameters
-        candidates = np.count_nonzero(probability >= p.merge_probability)
+        # of arrays of a device the host reads this count, which tells whether to go on
+        candidates = int((probability >= p.merge_probability).sum())
         if self.rounds >= p.merge_rounds or candidates <= share * probability.size:
             return False
         self.graph, number = merge_best(self.graph, probability, p.merge_probability)
@@ -143,10 +161,9 @@ class _State:
         self.graph, number = join_small(self.graph, least)
         self.region = number[self.region]
 
-
-def _first_members(number: NDArray[np.int32]) -> NDArray[np.int64]:
-    """First member of each group; groups are numbered in the order of these."""
-    return np.flatnonzero(np.diff(np.maximum.accumulate(number), prepend=-1))
+    def first_leaves(self) -> NDArray[np.int64]:
+        """Lowest leaf of each region."""
+        return first_members(self.region, self.graph.statistics.count.size)
 
 
 def car_model(graph: RegionGraph, parameters: ObjectParameters) -> CarModel:
@@ -199,7 +216,10 @@ def border_weights(graph: RegionGraph, parameters: ObjectParameters) -> NDArray[
     if kind == "adjacency" or not len(graph.length):
         return None
     if kind == "border":
-        return np.asarray(graph.length / graph.length.mean(), np.float32)
-    mean = graph.statistics.mean
-    step = (mean[graph.edges[:, 0]] - mean[graph.edges[:, 1]]) / parameters.merge_height
-    return np.asarray(1 / (1 + step**2), np.float32)
+        weights: NDArray[np.float64] = graph.length / graph.length.mean()
+    else:
+        mean = graph.statistics.mean
+        step = (mean[graph.edges[:, 0]] - mean[graph.edges[:, 1]]) / parameters.merge_height
+        weights = 1 / (1 + step * step)
+    of_edges: NDArray[np.float32] = weights.astype(np.float32)
+    return of_edges

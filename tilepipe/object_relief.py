@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from tilepipe.grid import Tile
 from tilepipe.ledger import Facts
 from tilepipe_kernels import ground, relief, surface
+from tilepipe_kernels.arrays import namespace
 
 TICKS_PER_METRE = 1000
 """Heights are counted in millimetres, so that all sums are exact and do not depend on the tiling."""
@@ -71,7 +72,10 @@ class ReliefGauge:
             Pixels of each leaf.
         tile
             Where they lie.
+
+        Arrays of a device stay there.
         """
+        xp = namespace(around, labels, count)
         inner = tile.core_in_padded
         heights = around.astype(np.float32)
         heights /= TICKS_PER_METRE
@@ -83,7 +87,7 @@ class ReliefGauge:
         facts: Facts = {"above": relief.mean_above(labels, around[core], earth[core], count, TICKS_PER_METRE)}
         half_width = surface.half_width_at(self.resolution)
         near = inner.padded(surface.halo(half_width), around.shape)
-        ticks = np.where(np.abs(heights[near.slices]) < _HIGHEST, around[near.slices], np.int32(surface.MISSING))
+        ticks = xp.where(xp.abs(heights[near.slices]) < _HIGHEST, around[near.slices], np.int32(surface.MISSING))
         shape = surface.surface_shape(ticks, half_width=half_width)
         core = inner.relative_to(near).slices
         for name in ("planarity", "bend"):

@@ -5,12 +5,14 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from tilepipe import object_leaves, object_regions
+from tilepipe.device_tiles import fitting
 from tilepipe.errors import InputError
 from tilepipe.grid import TileGrid
 from tilepipe.job import Job, as_list
@@ -26,6 +28,7 @@ from tilepipe.passes import Pass, Progress, StateArray
 from tilepipe.planning import Plan, plan_passes
 from tilepipe.raster import open_raster
 from tilepipe.run import STATE, Record, Run
+from tilepipe_kernels.arrays import Backend, why_no_device
 from tilepipe_kernels.merging import RegionGraph
 from tilepipe_kernels.quadtree import LARGEST_SIDE
 
@@ -153,9 +156,10 @@ class _Job(Job):
 
     def leaves_pass(self, state: Path) -> Pass:
         labels = self.labels(state)
-        context = object_leaves.LeafContext(self.raster, self.parameters, self.grid, labels)
-        arrays = {"labels": labels}
-        return Pass("leaves", object_leaves.find_leaves, context, self.grid, context.halo, arrays, bytes_per_pixel=60)
+        context = object_leaves.LeafContext(self.raster, self.parameters, self.grid, labels, self.backend)
+        return self.device_pass(
+            "leaves", object_leaves.find_leaves, context, context.halo, {"labels": labels}, bytes_per_pixel=60
+        )  # fmt: skip
 
     def reconcile(self, run: Run, ledger: Ledger) -> tuple[Leaves, RegionGraph]:
         """Leaves of the raster and their graph.
@@ -187,20 +191,29 @@ class _Job(Job):
         if low < _PLAUSIBLE[0] or high > _PLAUSIBLE[1]:
             warnings.warn(f"{name}: heights from {low:,.0f} to {high:,.0f} m; {advice}", stacklevel=4)
 
+    @cached_property
+    def graph_backend(self) -> Backend:
+        """Backend of the region graph, which belongs to no tile and stays here when a cluster has the tiles."""
+        if self.backend == "cupy" and self.options.uses_cluster and why_no_device():
+            return "numpy"
+        return self.backend
+
     def merge(self, run: Run, leaves: Leaves, graph: RegionGraph) -> tuple[Leaves, Merged]:
         """The leaves and their merged regions, whose ids go to the state for the next pass."""
         with run.timed("merge"):
             given_up = [graph]
             del graph  # nobody holds the graph of the leaves any more once it has merged
-            merged = merge_regions(
-                given_up.pop(),
-                leaves.first,
-                self.parameters,
-                resolution=self.resolution,
-                seed=self.options.seed,
-                workers=self.options.workers,
-                tell=run.progress,
-            )
+            with fitting("the region graph", "use larger leaves (smallest_leaf) or --backend numpy"):
+                merged = merge_regions(
+                    given_up.pop(),
+                    leaves.first,
+                    self.parameters,
+                    resolution=self.resolution,
+                    seed=self.options.seed,
+                    workers=self.options.workers,
+                    tell=run.progress,
+                    backend=self.graph_backend,
+                )
             np.save(run.state / "lookup.npy", leaves.lookup((merged.region + 1).astype(np.uint32)))
             return leaves, merged
 
@@ -210,7 +223,13 @@ class _Job(Job):
             return None
         with run.timed("buildings"):
             return find_buildings(
-                leaves, leaves.relief, merged, self.parameters, resolution=self.resolution, seed=self.options.seed
+                leaves,
+                leaves.relief,
+                merged,
+                self.parameters,
+                resolution=self.resolution,
+                seed=self.options.seed,
+                backend=self.graph_backend,
             )
 
     def borders_pass(self, state: Path, offsets: tuple[int, ...]) -> Pass:

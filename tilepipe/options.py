@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 from tilepipe.errors import InputError
 from tilepipe.passes import default_workers
+from tilepipe_kernels.arrays import Backend, choose_backend
 
 _UNITS = {"": 1, "K": 1 << 10, "M": 1 << 20, "G": 1 << 30, "T": 1 << 40}
 
@@ -48,9 +49,11 @@ class RunOptions:
     executor
         ``threads``, ``processes``, or the address of a dask.distributed scheduler.
     backend
-        ``auto``, ``numpy`` or ``cupy``.
+        ``numpy``, ``cupy`` (NVIDIA GPUs), or ``auto``: a GPU where this machine has one.  Of a cluster, whose
+        workers need not be like this machine, nothing is guessed: ``auto`` is ``numpy`` there.
     memory
-        Most memory that the run may use, in bytes; checked before work starts.
+        Most memory that the run may use, in bytes; checked before work starts.  The same bounds the memory that it
+        takes of a GPU.
     seed
         Seed of all random draws.
     format
@@ -83,7 +86,30 @@ class RunOptions:
             raise InputError(f"seed {self.seed} cannot be used: take a number from 0 to 2^62")
         if self.backend not in ("auto", "numpy", "cupy"):
             raise InputError(f"backend '{self.backend}' is unknown: use auto, numpy or cupy")
-        if self.backend == "cupy":
-            raise InputError("backend 'cupy' is not available for this pipeline yet: use --backend numpy")
         if self.format not in ("parquet", "gpkg", "fgb", "geojson"):
             raise InputError(f"format '{self.format}' is unknown: use parquet, gpkg, fgb or geojson")
+
+    @property
+    def uses_cluster(self) -> bool:
+        """Whether tiles are computed by the workers of a cluster."""
+        return "://" in self.executor
+
+    def resolved_backend(self) -> Backend:
+        """The backend of the passes.
+
+        Raises
+        ------
+        InputError
+            For ``cupy`` where this machine computes the tiles and cannot; the message says why.
+        """
+        if self.uses_cluster:
+            return "cupy" if self.backend == "cupy" else "numpy"
+        try:
+            return choose_backend(self.backend)
+        except ValueError as error:
+            raise InputError(f"backend '{self.backend}' does not work here: {error}") from None
+
+    @property
+    def device_memory(self) -> int:
+        """Most memory that a process may take of a GPU, in bytes."""
+        return self.memory // (self.workers if self.executor == "processes" else 1)

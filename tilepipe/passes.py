@@ -16,10 +16,12 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from tilepipe.device_tiles import on_device
 from tilepipe.errors import TileError
 from tilepipe.executors import Executor
 from tilepipe.grid import Tile, TileGrid, Window
 from tilepipe.ledger import Facts, Ledger, checksum
+from tilepipe_kernels.arrays import Backend, to_host
 
 _CHUNK = 1024
 """Largest chunk of a state array, in pixels: small enough that halos cost little to read."""
@@ -88,7 +90,7 @@ class StateArray:
 
     def write(self, tile: Tile, values: NDArray[Any]) -> int:
         """Write the core of a tile of this array's grid; returns the checksum of what was written."""
-        values = np.ascontiguousarray(values, dtype=self.dtype)
+        values = np.ascontiguousarray(to_host(values), dtype=self.dtype)
         if values.shape != tile.core.shape:
             raise ValueError(f"tile {tile.name} writes {values.shape} into a core of {tile.core.shape}")
         _open_array(self.path)[tile.core.slices] = values
@@ -140,6 +142,10 @@ class Pass:
         State arrays that the function fills, by name.
     bytes_per_pixel
         Peak working memory of the function per pixel of the padded window, for planning.
+    backend
+        Whose arrays the function works on.
+    device_memory
+        Most memory of the device that a process may use, in bytes; of no account for numpy.
     """
 
     name: str
@@ -149,6 +155,8 @@ class Pass:
     halo: int
     writes: Mapping[str, StateArray] = field(default_factory=dict)
     bytes_per_pixel: int = 16
+    backend: Backend = "numpy"
+    device_memory: int = 8 << 30
 
     def memory(self) -> int:
         """Peak working memory of one tile in bytes, halo included."""
@@ -161,9 +169,14 @@ _CHECK = "checksum:"
 
 def _run_tile(job: Pass, folder: Path, tile: Tile) -> int:
     """Compute one tile and record it; runs on a worker."""
-    facts = dict(job.function(job.context, tile))
+    compute = partial(_facts_on_host, job, tile)
+    facts = compute() if job.backend == "numpy" else on_device(compute, tile, job.device_memory)
     Ledger(folder).record(tile.name, facts)
     return tile.number
+
+
+def _facts_on_host(job: Pass, tile: Tile) -> Facts:
+    return {name: to_host(value) for name, value in job.function(job.context, tile).items()}
 
 
 def write_state(arrays: Mapping[str, StateArray], tile: Tile, values: Mapping[str, NDArray[Any]]) -> Facts:

@@ -81,6 +81,22 @@ class Plan:
             f"use a larger --memory or a smaller --tile than {options.tile}{fewer}"
         )
 
+    def check_device(self, available: int, options: RunOptions) -> None:
+        """Refuse a run whose tiles do not fit together in the memory of the GPU, in bytes.
+
+        Raises
+        ------
+        InputError
+            Says how much is needed and what would fit.
+        """
+        job = max(self.passes, key=lambda item: item.memory)
+        if job.memory > available:
+            fewer = f" or fewer workers than {self.workers}" if self.workers > 1 else ""
+            raise InputError(
+                f"pass {job.name} needs about {format_memory(job.memory)} of the GPU's memory, which has "
+                f"{format_memory(available)}; use a smaller --tile than {options.tile}{fewer}"
+            )
+
     def text(self) -> str:
         """The plan for people: widths before heights."""
         rows, columns = self.shape

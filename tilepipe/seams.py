@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from tilepipe.grid import Seam, TileGrid
 from tilepipe.ledger import Facts
+from tilepipe_kernels.arrays import namespace
 
 _SIDES = ("top", "bottom", "left", "right")
 
@@ -28,7 +29,8 @@ def raster_borders(grid: TileGrid, number: int) -> tuple[bool, bool, bool, bool]
 
 def touches_seam(labels: NDArray[np.int32], count: int, borders: tuple[bool, bool, bool, bool]) -> NDArray[np.bool_]:
     """Which labels 0 … ``count`` of a core reach a side that is not the raster's border; entry 0 is False."""
-    touching = np.zeros(count + 1, np.bool_)
+    xp = namespace(labels)
+    touching: NDArray[np.bool_] = xp.zeros(count + 1, xp.bool_)
     for edge, on_border in zip((labels[0], labels[-1], labels[:, 0], labels[:, -1]), borders, strict=True):
         if not on_border:
             touching[edge] = True

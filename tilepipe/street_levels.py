@@ -17,6 +17,7 @@ from tilepipe.ledger import Facts
 from tilepipe.raster import Raster
 from tilepipe.street_parameters import StreetParameters
 from tilepipe_kernels import levels
+from tilepipe_kernels.arrays import Backend, to_backend
 from tilepipe_kernels.grey_levels import LARGEST_GREY, stretch
 
 
@@ -41,9 +42,17 @@ class GreyScale:
         return stretch(values, self.darkest, self.brightest)
 
 
-def count_values(raster: Raster, tile: Tile) -> Facts:
+@dataclass(frozen=True)
+class CountContext:
+    """What the pass needs to know; picklable."""
+
+    raster: Raster
+    backend: Backend = "numpy"
+
+
+def count_values(context: CountContext, tile: Tile) -> Facts:
     """Tile function (halo 1): histograms of the valid values and of their differences to the right neighbour."""
-    values = raster.read(tile.padded)
+    values = to_backend(context.raster.read(tile.padded), context.backend)
     counted = {
         "value": levels.histogram(values[tile.core_in_padded.slices]),
         "difference": count_differences(values, tile),

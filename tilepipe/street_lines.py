@@ -17,6 +17,7 @@ from tilepipe.relabel import read_relabelled
 from tilepipe.street_levels import GreyScale
 from tilepipe.street_parameters import StreetParameters
 from tilepipe_kernels import morphology, ridges, skeleton, tracing
+from tilepipe_kernels.arrays import Backend, namespace, to_backend, to_host
 from tilepipe_kernels.grey_levels import street_image
 
 NODATA = 4294967295
@@ -43,6 +44,7 @@ class LineContext:
     offsets: tuple[int, ...]
     resolution: float
     low: float
+    backend: Backend = "numpy"
 
     def pixels(self, metres: float) -> float:
         """A length in pixels."""
@@ -95,7 +97,8 @@ def read_streets(context: LineContext, tile: Tile) -> tuple[NDArray[np.uint32], 
     ids, scale = read_regions(context, tile.padded), context.scale
     if not ids.any():
         return ids, np.zeros(ids.shape, np.bool_), np.full(ids.shape, scale.bright, np.float32)
-    mask, packed = _clean(context, ids > 0), context.grey.read(tile.padded)
+    ids, packed = (to_backend(values, context.backend) for values in (ids, context.grey.read(tile.padded)))
+    mask = _clean(context, ids > 0)
     image = street_image(mask, ids, packed, dark=scale.dark, bright=scale.bright, threshold=scale.threshold)
     return ids, mask, image
 
@@ -130,10 +133,11 @@ def _ridge_lines(
     """Fragments of Steger's ridge lines."""
     sigma = context.sigma
     near = tile.core.padded(ridges.LINK_RADIUS, context.grid.shape).relative_to(tile.padded)
-    wanted = np.zeros(mask.shape, np.bool_)
+    xp = namespace(mask)
+    wanted = xp.zeros(mask.shape, xp.bool_)
     wanted[near.slices] = mask[near.slices]
     points = ridges.line_points(image, sigma, low=context.low, mask=wanted)
-    links = np.zeros(mask.shape, np.uint8)
+    links = xp.zeros(mask.shape, xp.uint8)
     links[points.row, points.col] = ridges.link_points(points)
     core = tile.core_in_padded
     inside = (
@@ -153,7 +157,7 @@ def _ridge_lines(
         "contrast": contrast,
         "region": ids[points.row, points.col].astype(np.float32),
     }
-    flat = points.row.astype(np.int64) * mask.shape[1] + points.col
+    flat = points.row.astype(xp.int64) * mask.shape[1] + points.col
     return _fragments(RIDGE, links, tile, context, values, flat)
 
 
@@ -162,12 +166,13 @@ def _sampled_widths(
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Width (pixels) and contrast of every fifth point along a line in any of the eight directions, NaN elsewhere."""
     top, left = tile.padded.origin
-    sample = np.flatnonzero((points.row + top + 2 * (points.col + left)) % 5 == 0)
+    xp = namespace(image)
+    sample = xp.flatnonzero((points.row + top + 2 * (points.col + left)) % 5 == 0)
     maximum_width = context.pixels(context.parameters.maximum_width)
     found = ridges.line_widths(image, points.take(sample), context.sigma, maximum_width=maximum_width)
-    width, contrast = np.full((2, len(points)), np.nan, np.float32)
-    width[sample] = np.where(found.valid, found.left + found.right, np.nan)
-    contrast[sample] = np.where(found.valid, found.contrast, np.nan)
+    width, contrast = xp.full((2, len(points)), xp.nan, xp.float32)
+    width[sample] = xp.where(found.valid, found.left + found.right, xp.nan)
+    contrast[sample] = xp.where(found.valid, found.contrast, xp.nan)
     return width, contrast
 
 
@@ -186,8 +191,9 @@ def _medial_axis(
         origin=tile.padded.origin,
     )
     links = skeleton.skeleton_links(axis)
-    row, col = np.nonzero(links != 0)
-    zero = np.zeros(row.size, np.float32)
+    xp = namespace(links)
+    row, col = xp.nonzero(links != 0)
+    zero = xp.zeros(row.size, xp.float32)
     contrast = np.float32(context.scale.bright) - image[row, col]
     values = {
         "dx": zero,
@@ -208,10 +214,13 @@ def _fragments(
     values: dict[str, NDArray[Any]],
     flat: NDArray[np.int64],
 ) -> Facts:
-    """Trace the core and attach to each fragment's pixels the values of the points at block indices ``flat``."""
+    """Trace the core and attach to each fragment's pixels the values of the points at block indices ``flat``.
+
+    Chains are followed on the host, from the links, which leave the device here, and only once.
+    """
     core = tile.core_in_padded
     found = tracing.trace(
-        links,
+        to_host(links),
         core=(core.top, core.left, core.bottom, core.right),
         origin=tile.padded.origin,
         width=context.grid.shape[1],
@@ -219,7 +228,7 @@ def _fragments(
     facts: Facts = {f"{prefix}:{name}": value for name, value in vars(found).items()}
     row, column = np.divmod(found.pixels, context.grid.shape[1])
     local = (row - tile.padded.top) * links.shape[1] + column - tile.padded.left
-    index = np.searchsorted(flat, local)
+    index = np.searchsorted(to_host(flat), local)
     for name, value in values.items():
-        facts[f"{prefix}:at:{name}"] = value[index]
+        facts[f"{prefix}:at:{name}"] = to_host(value)[index]
     return facts

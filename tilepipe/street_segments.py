@@ -17,6 +17,7 @@ from tilepipe.seams import edge_facts, raster_borders, touches_seam
 from tilepipe.street_levels import GreyScale
 from tilepipe.street_parameters import StreetParameters
 from tilepipe_kernels import diffusion, grey_levels, growing, morphology, region_table
+from tilepipe_kernels.arrays import Backend, namespace, to_backend
 from tilepipe_kernels.fill import fill_voids
 
 _EDGE_PER_NOISE, _LEAST_EDGE = 0.6, 4.0
@@ -42,6 +43,7 @@ class SegmentContext:
     grid: TileGrid
     labels: StateArray
     grey: StateArray
+    backend: Backend = "numpy"
 
     @property
     def rectangle(self) -> tuple[int, int]:
@@ -72,7 +74,7 @@ def ground_reach(parameters: StreetParameters, resolution: float) -> int:
 
 def segment(context: SegmentContext, tile: Tile) -> Facts:
     """Tile function: diffuse, grow regions, keep the grey values of regions; facts are the region table and edges."""
-    values = context.raster.read(tile.padded)
+    values = to_backend(context.raster.read(tile.padded), context.backend)
     missing = np.isnan(values[tile.core_in_padded.slices])
     grey = context.scale.apply(values)
     smooth = _smooth(context, tile, grey)
@@ -127,6 +129,7 @@ def _is_raised(context: SegmentContext, tile: Tile) -> NDArray[np.bool_]:
     if not part.is_empty:
         heights[part.relative_to(wanted).slices] = context.heights.raster.read(part)
     heights *= np.float32(context.heights.raster.geometry.height_metres)
+    heights = to_backend(heights, context.backend)
     ground = morphology.open_grey(heights, math.ceil(p.ground_window / resolution / 2))
     inner = tile.core.relative_to(around).slices
     raised: NDArray[np.bool_] = heights[inner] - ground[inner] > np.float32(p.maximum_height)
@@ -139,13 +142,14 @@ def _kept_regions(
     """Drop regions that are too small and touch no seam; the new number of each label and the table of the kept."""
     grid = context.labels.grid
     borders = raster_borders(grid, tile.number)
-    count = int(labels.max(initial=0))
+    xp = namespace(labels)
+    count = int(labels.max()) if labels.size else 0
     table = region_table.region_table(labels, centres, count, borders=borders)
     keep = table.count >= minimum_rectangles(context.parameters, context.raster.geometry.resolution)
     reaches_seam = touches_seam(labels, count, borders)
     keep |= reaches_seam[1:]
-    numbers = np.concatenate([[0], np.where(keep, np.cumsum(keep), 0)])
-    row, column = np.divmod(table.first, labels.shape[1])
+    numbers = xp.concatenate([xp.zeros(1, xp.int64), xp.where(keep, xp.cumsum(keep), 0)])
+    row, column = xp.divmod(table.first, labels.shape[1])
     top, left = grid.tile(tile.number).core.origin
     facts: Facts = {name: getattr(table, name)[keep] for name in SUMMED}
     facts["first"] = ((row + top) * grid.shape[1] + column + left)[keep]
@@ -164,4 +168,6 @@ def _expand(mask: NDArray[np.bool_], rectangle: tuple[int, int], shape: tuple[in
     """A mask of rectangles as a mask of pixels."""
     if rectangle == (1, 1):
         return mask
-    return np.repeat(np.repeat(mask, rectangle[0], axis=0), rectangle[1], axis=1)[: shape[0], : shape[1]]
+    xp = namespace(mask)
+    expanded: NDArray[np.bool_] = xp.repeat(xp.repeat(mask, rectangle[0], axis=0), rectangle[1], axis=1)
+    return expanded[: shape[0], : shape[1]]

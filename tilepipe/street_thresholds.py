@@ -13,6 +13,7 @@ from tilepipe.street_levels import GreyScale
 from tilepipe.street_lines import LineContext, read_streets
 from tilepipe.street_parameters import StreetParameters
 from tilepipe_kernels import ridges
+from tilepipe_kernels.arrays import namespace, to_host
 
 RESPONSE_EDGES = ridges.response_bins(1e-3, 1e3, 240)
 """Edges of the bins in which line responses are counted (grey per pixel²): 40 a decade, 10⁻³ to 10³."""
@@ -31,13 +32,14 @@ class Thresholds:
 def count_responses(context: LineContext, tile: Tile) -> Facts:
     """Tile function: histogram of the line responses of the core."""
     _, mask, image = read_streets(context, tile)
-    wanted = np.zeros(mask.shape, np.bool_)
+    xp = namespace(mask)
+    wanted = xp.zeros(mask.shape, xp.bool_)
     inner = tile.core_in_padded.slices
     wanted[inner] = mask[inner]
     if not wanted.any():
         return {"responses": np.zeros(RESPONSE_EDGES.size - 1, np.int64)}
     points = ridges.line_points(image, context.sigma, low=context.low, mask=wanted)
-    return {"responses": np.histogram(points.response, RESPONSE_EDGES)[0].astype(np.int64)}
+    return {"responses": np.histogram(to_host(points.response), RESPONSE_EDGES)[0].astype(np.int64)}
 
 
 def line_thresholds(

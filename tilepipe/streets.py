@@ -26,7 +26,7 @@ from tilepipe.raster import check_aligned, open_raster
 from tilepipe.reconcile import Numbering
 from tilepipe.regions import Regions, reconcile_regions
 from tilepipe.run import STATE, Record, Run
-from tilepipe.street_levels import GreyScale, count_values, grey_scale
+from tilepipe.street_levels import CountContext, GreyScale, count_values, grey_scale
 from tilepipe.street_network import LineScale, write_centerlines
 from tilepipe.street_parameters import StreetParameters, street_parameters
 from tilepipe.street_thresholds import Thresholds, count_responses, line_thresholds
@@ -175,16 +175,16 @@ class _Job(Job):
         }
 
     def levels_pass(self) -> Pass:
-        return Pass("levels", count_values, self.raster, self.grid, halo=1, bytes_per_pixel=16)
+        return self.device_pass("levels", count_values, CountContext(self.raster, self.backend), 1, bytes_per_pixel=16)
 
     def segment_pass(self, state: Path, scale: GreyScale) -> Pass:
         arrays = self.state_arrays(state)
         context = street_segments.SegmentContext(
-            self.raster, self.heights, scale, self.parameters, self.grid, arrays["labels"], arrays["grey"]
+            self.raster, self.heights, scale, self.parameters, self.grid, arrays["labels"], arrays["grey"], self.backend
         )
         halo = street_segments.halo(self.parameters, self.resolution, heights=self.heights is not None)
         writes = {name: arrays[name] for name in ("labels", "grey")}
-        return Pass("segment", street_segments.segment, context, self.grid, halo, writes, bytes_per_pixel=40)
+        return self.device_pass("segment", street_segments.segment, context, halo, writes, bytes_per_pixel=40)
 
     def reconcile(self, run: Run, facts: list[Facts]) -> Regions:
         """Regions of the raster; their published ids go to the state for the next pass."""
@@ -210,6 +210,7 @@ class _Job(Job):
             offsets=offsets,
             resolution=self.resolution,
             low=low,
+            backend=self.backend,
             **arrays,
         )
 
@@ -219,14 +220,14 @@ class _Job(Job):
         if self.parameters.thresholds == "histogram":
             context = self._line_context(run.state, scale, regions, low=1e-6)
             halo = street_lines.halo(self.parameters, self.resolution)
-            job = Pass("responses", count_responses, context, self.grid, halo, bytes_per_pixel=40)
+            job = self.device_pass("responses", count_responses, context, halo, bytes_per_pixel=40)
             responses = run.run_pass(job).all_facts()
         return line_thresholds(self.parameters, scale, self.resolution, responses)
 
     def lines_pass(self, state: Path, scale: GreyScale, regions: Regions, low: float) -> Pass:
         context = self._line_context(state, scale, regions, low)
         halo = street_lines.halo(self.parameters, self.resolution)
-        return Pass("lines", street_lines.find_lines, context, self.grid, halo, bytes_per_pixel=60)
+        return self.device_pass("lines", street_lines.find_lines, context, halo, bytes_per_pixel=60)
 
     def write_raster(self, run: Run, context: street_lines.LineContext) -> Path:
         """Write ``streets.tif`` into the state folder; needs the regions only, so it runs beside the pass."""

@@ -13,7 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .compiled import loop, rule
+from .arrays import namespace, on_device
+from .compiled import device_form, loop, rule
 
 Labels = NDArray[np.int32]
 Runs = NDArray[np.int32]
@@ -41,6 +42,12 @@ def parted(a: np.int32, b: np.int32) -> bool:
     return bool((a != b) & (a != 0) & (b != 0))
 
 
+@rule
+def continued(a: np.int32, b: np.int32, a_before: np.int32, b_before: np.int32) -> bool:
+    """Whether the crack between two pixels is in one straight run with the one between the two before."""
+    return bool((a == a_before) & (b == b_before))
+
+
 # ------------------------------------------------------------------------------------------------- runs
 
 
@@ -60,8 +67,7 @@ def _count_starts(first: Labels, second: Labels, first_before: Labels, second_be
     starts = np.int32(0)
     for j in range(first.size):
         a, b = first[j], second[j]
-        continues = (first_before[j] == a) & (second_before[j] == b)
-        starts += np.int32(parted(a, b) & (not continues))
+        starts += np.int32(parted(a, b) & (not continued(a, b, first_before[j], second_before[j])))
     return np.int64(starts)
 
 
@@ -104,13 +110,13 @@ def _write_runs(labels: Labels, runs: Runs) -> None:
         for j in range(columns):
             b, above_b = row[j], above[j]
             if parted(above_b, b):
-                if above_a == above_b and a == b:
+                if continued(above_b, b, above_a, a):
                     runs[2, runs_below] += 1
                 else:
                     runs_below = found
                     found = _open_run(runs, found, above_b, b)
             if parted(a, b):
-                if above_a == a and above_b == b:
+                if continued(a, b, above_a, above_b):
                     runs[2, runs_right[j]] += 1
                 else:
                     runs_right[j] = found
@@ -150,6 +156,14 @@ def _unite(runs: Runs) -> int:
     return last + 1
 
 
+def _range(labels: Labels) -> tuple[int, int]:
+    """Lowest and highest label of a block, not above and not below 0."""
+    if on_device(labels):
+        return device_form(__name__).label_range(labels)
+    lowest, highest = _extremes(labels)
+    return int(lowest), int(highest)
+
+
 def contacts(labels: NDArray[np.int32], count: int) -> Contacts:
     """Find the 4-adjacent pairs of regions of a block, and the number of cracks between the two.
 
@@ -165,7 +179,7 @@ def contacts(labels: NDArray[np.int32], count: int) -> Contacts:
     -------
     Contacts
         Pairs ``a < b`` in lexicographical order with their cracks.  Memory: 24 bytes per straight run of cracks, of
-        which there are at most two a pixel, and 8 bytes per region.
+        which there are at most two a pixel, and 8 bytes per region.  Arrays of a device stay there.
 
     Raises
     ------
@@ -176,10 +190,12 @@ def contacts(labels: NDArray[np.int32], count: int) -> Contacts:
         raise ValueError(f"labels must be a two-dimensional int32 array, not {labels.dtype} of shape {labels.shape}")
     if labels.size >= 2**30:
         raise ValueError(f"{labels.size} pixels are too many for one block; find the contacts of smaller blocks")
-    labels = np.ascontiguousarray(labels)
-    lowest, highest = _extremes(labels)
+    labels = namespace(labels).ascontiguousarray(labels)
+    lowest, highest = _range(labels)
     if lowest < 0 or highest > count:
         raise ValueError(f"labels must lie in 0..{count}, not in {lowest}..{highest}")
+    if on_device(labels):
+        return device_form(__name__).contacts(labels, count)
     number = int(_count_runs(labels)) if labels.size else 0
     runs = np.empty((3, number), np.int32)
     spare = np.empty_like(runs)

@@ -122,8 +122,8 @@ def _owned(i: int, j: int, heading: int, rows: int, columns: int) -> bool:
 @loop
 def _is_walked(corners: Corners, i: int, j: int, heading: int) -> bool:
     if heading == DOWN or heading == UP:
-        return (corners[i - (heading == UP), j] & WALKED_DOWN) != 0  # type: ignore[no-any-return]
-    return (corners[i, j - (heading == LEFT)] & WALKED_RIGHT) != 0  # type: ignore[no-any-return]
+        return (corners[i - (heading == UP), j] & WALKED_DOWN) != 0
+    return (corners[i, j - (heading == LEFT)] & WALKED_RIGHT) != 0
 
 
 @loop

@@ -9,11 +9,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .arrays import namespace
 from .car_model import Float64, Priors
 from .random import gamma
+from .sums import ordered_sum
 
 _SITE_OF_V = np.uint64(2**64 - 1)
 _SITE_OF_NOISE = np.uint64(2**64 - 2)
+
+
+def level_of(count: Float64, mean: Float64) -> float:
+    """Mean height of all pixels."""
+    return ordered_sum(count * mean) / ordered_sum(count)
 
 
 @dataclass
@@ -37,8 +44,8 @@ class Variances:
         """Begin at the variance of all heights, so that no chain starts stuck to its data."""
         if fixed is not None and not 0 < fixed < math.inf:
             raise ValueError(f"the fixed variance must be positive, not {fixed} m²")
-        level = float((count * mean).sum() / count.sum())
-        scale = float((count * (mean - level) ** 2).sum() + spread) / pixels or 1.0
+        step = mean - level_of(count, mean)
+        scale = (ordered_sum(count * (step * step)) + spread) / pixels or 1.0
         return cls(priors, rank, pixels, spread, fixed is not None, seed, scale, scale if fixed is None else fixed)
 
     def draw(self, roughness: float, misfit: float, sweep: int) -> None:
@@ -94,9 +101,10 @@ def moments(reference: Float64, shift: Float64, square: Float64, draws: int) -> 
     """Mean and standard deviation from running sums of differences to a reference; overwrites the sums."""
     shift /= draws
     square -= draws * shift * shift
-    np.maximum(square, 0, out=square)
+    xp = namespace(square)
+    xp.maximum(square, 0, out=square)
     square /= draws - 1
-    np.sqrt(square, out=square)
+    xp.sqrt(square, out=square)
     shift += reference
     return shift, square
 

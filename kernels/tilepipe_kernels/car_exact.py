@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from .arrays import namespace, on_device
 from .car_model import CarModel, Float64, Graph, Int64, weight_of
 from .car_sweeps import NODE_STREAM
 from .compiled import loop
@@ -19,12 +20,14 @@ SOLVER_TOLERANCE = 1e-5
 _SOLVER_LIMIT = 10_000
 
 
-def checked_sites(site_ids: Int64 | None, nodes: int) -> Int64:
-    """Ascending global ids of the nodes, empty for 0..n-1."""
+def checked_sites(site_ids: Int64 | None, model: CarModel) -> Int64:
+    """Ascending global ids of the nodes, empty for 0..n-1; they lie where the model does."""
+    xp = namespace(model.mean, site_ids)
     if site_ids is None:
-        return np.empty(0, np.int64)
-    sites = np.ascontiguousarray(site_ids, dtype=np.int64)
-    if sites.shape != (nodes,) or sites[0] < 0 or (np.diff(sites) <= 0).any():
+        empty: Int64 = xp.empty(0, xp.int64)
+        return empty
+    sites: Int64 = xp.ascontiguousarray(site_ids, dtype=xp.int64)
+    if sites.shape != model.mean.shape or sites[0] < 0 or (sites[1:] <= sites[:-1]).any():
         raise ValueError("site_ids must be ascending, 0 or more, one for each node: list the nodes in their order")
     return sites
 
@@ -33,6 +36,12 @@ def check_variances(smoothness: float, noise: float) -> None:
     """Refuse variances out of their range."""
     if not (0 < smoothness < math.inf and 0 < noise < math.inf):
         raise ValueError(f"variances must be positive, not {smoothness} and {noise} m²")
+
+
+def refuse_device(model: CarModel) -> None:
+    """Refuse a model on a device: conjugate gradients are a means of comparison, and run on the host."""
+    if on_device(model.mean):
+        raise ValueError("exact draws are made on the host: move the model there by to_host, or use the method 'gibbs'")
 
 
 @loop
@@ -147,7 +156,7 @@ def perturb_and_map(
     site_ids: Int64 | None = None,
     solver_tolerance: float = SOLVER_TOLERANCE,
 ) -> Float64:
-    """Draw x given both variances, independently of any other draw (Papandreou & Yuille 2010).
+    """Draw x given both variances, independently of any other draw (Papandreou & Yuille 2010); on the host only.
 
     The precision is P = diag(n/s2) + L/v with the graph's Laplacian L.  Noise of covariance P is made of one
     number for each datum and edge, added to the right side, and the system solved by conjugate gradients.
@@ -174,8 +183,9 @@ def perturb_and_map(
         For variances that are not positive, ids that do not ascend, or if the solver does not converge.
     """
     check_variances(smoothness, noise)
+    refuse_device(model)
     x = model.mean.copy()
-    sites = checked_sites(site_ids, len(x))
+    sites = checked_sites(site_ids, model)
     scratch = np.empty_like(x), np.empty_like(x)
     draw_exactly(model.graph, sites, smoothness, noise, as_seed(seed), sweep, x, solver_tolerance, scratch)
     return x

@@ -15,7 +15,8 @@ its component.  The full conditionals are
     1/s2 | x ~ Gamma(a_s + Σ n_i/2, b_s + Σ (S_i + n_i (m_i - x_i)²)/2).
 
 Sites of one colour are independent given the others and are updated together.  Numbers are drawn by site and
-sweep (`random`), and sums are taken in blocks of fixed size: threads do not show in the result.
+sweep (`random`), and sums are taken in an order of their own (`sums`): neither threads nor a device show in the
+result.
 """
 
 from __future__ import annotations
@@ -27,8 +28,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .colouring import count_components
-from .compiled import loop
+from .arrays import namespace
+from .colouring import count_components, in_order
 from .random import inlined_rule
 
 Float64 = NDArray[np.float64]
@@ -66,22 +67,9 @@ def weight_of(weights: Float32, edge: int) -> np.float64:
     return np.float64(weights[edge]) if weights.size else np.float64(1.0)
 
 
-@loop
-def _edge_fault(edges: Int32, nodes: int) -> bool:
-    """Whether edges are out of range, not from lower to upper node, or not strictly ascending."""
-    before = np.int64(-1)
-    for e in range(edges.shape[0]):
-        i, j = np.int64(edges[e, 0]), np.int64(edges[e, 1])
-        key = (i << 32) | j
-        if i < 0 or j <= i or j >= nodes or key <= before:
-            return True
-        before = key
-    return False
-
-
 @dataclass(frozen=True)
 class CarModel:
-    """Region graph and its data.
+    """Region graph and its data, all on the host or all on a device, where the samplers then work.
 
     Parameters
     ----------
@@ -110,22 +98,24 @@ class CarModel:
     priors: Priors = Priors()
 
     def __post_init__(self) -> None:
-        for name, kind in (("edges", np.int32), ("count", np.float64), ("mean", np.float64), ("spread", np.float64)):
-            object.__setattr__(self, name, np.ascontiguousarray(getattr(self, name), dtype=kind))
+        xp = namespace(self.edges, self.weights, self.count, self.mean, self.spread)
+        for name, kind in (("edges", xp.int32), ("count", xp.float64), ("mean", xp.float64), ("spread", xp.float64)):
+            object.__setattr__(self, name, xp.ascontiguousarray(getattr(self, name), dtype=kind))
         if self.weights is not None:
-            object.__setattr__(self, "weights", np.ascontiguousarray(self.weights, dtype=np.float32))
+            object.__setattr__(self, "weights", xp.ascontiguousarray(self.weights, dtype=xp.float32))
             if len(self.weights) != len(self.edges):
                 raise ValueError("weights must have one value for each edge")
-            if not ((self.weights > 0) & (self.weights < np.inf)).all():
+            if not ((self.weights > 0) & (self.weights < xp.inf)).all():
                 raise ValueError("weights must be positive and finite; leave out edges of weight 0")
         n = len(self.count)
         if n < 1 or not len(self.mean) == len(self.spread) == n:
             raise ValueError(f"count, mean and spread must have one value for each of the {n} nodes, at least one")
-        if self.edges.ndim != 2 or self.edges.shape[1] != 2 or _edge_fault(self.edges, n):
+        if self.edges.ndim != 2 or self.edges.shape[1] != 2 or not in_order(self.edges, n):
             raise ValueError("edges must be pairs of node numbers, the lower first, sorted, each once")
-        if not (np.isfinite(self.mean).all() and self.count.min() >= 0 and self.spread.min() >= 0):
+        # of the arrays of a device the host reads nothing but whether each condition holds
+        if not (xp.isfinite(self.mean).all() and self.count.min() >= 0 and self.spread.min() >= 0):
             raise ValueError("means must be finite, counts and spreads 0 or more")
-        if not (np.isfinite(self.count.sum()) and np.isfinite(self.spread.sum())):
+        if not (xp.isfinite(self.count.sum()) and xp.isfinite(self.spread.sum())):
             raise ValueError("counts and spreads must be finite")
         if not self.count.all() and (empty := count_components(self.edges, self.count > 0)[1]):
             raise ValueError(f"{empty} connected components have no data; leave them out of the graph")
@@ -138,7 +128,7 @@ class CarModel:
     @property
     def graph(self) -> Graph:
         """The arrays that loops walk."""
-        weights = np.empty(0, np.float32) if self.weights is None else self.weights
+        weights = namespace(self.edges).empty(0, np.float32) if self.weights is None else self.weights
         return Graph(self.edges, weights, self.count, self.mean)
 
 

@@ -1,4 +1,4 @@
-"""Loops of the CAR sampler: one sweep over colour classes, and the probability that two heights are the same."""
+"""Rules and loops of the CAR sampler: a sweep over colour classes, the probability that two heights are the same."""
 
 from __future__ import annotations
 
@@ -10,9 +10,7 @@ from .car_model import Float32, Float64, Graph, Int64, weight_of
 from .colouring import Rows
 from .compiled import loop
 from .random import fill_normals, inlined_rule
-
-BLOCK = 2048
-"""Nodes of one partial sum: small enough for the caches, large enough to be handed to a thread."""
+from .sums import BLOCK, LANES, sum_of_lanes
 
 _STRETCH = 1024
 """Edges whose values are gathered at once."""
@@ -24,6 +22,37 @@ _PER_LN2 = 1 / _LN2
 _DENSITY_AT_0 = 1 / math.sqrt(2 * math.pi)
 
 
+Neighbours = tuple[float, float, float, float, float]
+"""Of a site: sums of w and of w d over its neighbours, and of w, w d and w d² over those of earlier colours."""
+
+
+@inlined_rule
+def add_neighbour(w: float, d: float, earlier: bool, sums: Neighbours) -> Neighbours:
+    """Take a neighbour into the sums of a site; d is its height less the site's old one."""
+    total, pull, final, final_pull, final_square = sums
+    own = w if earlier else 0.0
+    return total + w, pull + w * d, final + own, final_pull + own * d, final_square + own * d * d
+
+
+@inlined_rule
+def draw_site(
+    old: float, pixels: float, mean: float, sums: Neighbours, smooth: float, fit: float, noise: float
+) -> tuple[float, float, float]:
+    """Draw a height; return it with what it adds to the roughness Σ w d² and the misfit Σ n (m - x)².
+
+    smooth = 1/v, fit = 1/s2.  An edge's difference is final when the later colour of its ends is drawn, and is summed
+    then.  All differences are taken to the site's old value: nothing is lost with heights far from zero.
+    """
+    total, pull, final, final_pull, final_square = sums
+    data, gap = pixels * fit, mean - old
+    precision = data + total * smooth
+    step = (data * gap + pull * smooth) / precision + noise / math.sqrt(precision)
+    # Sum w (d - step)² over the edges to earlier colours, without a second walk.
+    roughness = final_square + step * (final * step - 2.0 * final_pull)
+    d = gap - step
+    return old + step, roughness, pixels * d * d
+
+
 @loop
 def update_blocks(
     rows: Rows, graph: Graph, sites: Int64, bounds: Int64, first: int, last: int,
@@ -31,58 +60,56 @@ def update_blocks(
 ) -> None:  # fmt: skip
     """Draw the sites of blocks `first` to `last`; block b is rows ``bounds[b]`` to ``bounds[b + 1]``, of one colour.
 
-    smooth = 1/v, fit = 1/s2; x stands in the order of the rows.  An edge's difference is final when the later colour
-    of its ends is drawn, and is summed then.  All differences are taken to the site's old value: nothing is lost with
-    heights far from zero.
+    x stands in the order of the rows; roughness and misfit of each block go into `sums`.
     """
     offsets, neighbours, order = rows.offsets, rows.neighbours, rows.order
     ids = np.empty(BLOCK, np.int64)
     noise = np.empty(BLOCK)
+    rough, misfits = np.zeros(LANES), np.zeros(LANES)
     for block in range(first, last):
         low, high = bounds[block], bounds[block + 1]
         for k in range(low, high):
             ids[k - low] = sites[order[k]] if sites.size else order[k]
         fill_normals(ids[: high - low], seed, sweep, NODE_STREAM, noise)
-        roughness = misfit = 0.0
         for k in range(high - low):
             row = low + k
             i = np.uint32(order[row])
-            old, pixels = x[row], graph.pixels[i]
-            total = pull = earlier = earlier_pull = earlier_square = 0.0
+            old, around = x[row], (0.0, 0.0, 0.0, 0.0, 0.0)
             for e in range(offsets[row], offsets[row + 1]):
                 j = np.uint32(neighbours[e])
-                w, d = weight_of(rows.weights, e), x[j] - old
-                total += w
-                pull += w * d
-                final = w if j < row else 0.0
-                earlier += final
-                earlier_pull += final * d
-                earlier_square += final * d * d
-            data, gap = pixels * fit, graph.mean[i] - old
-            precision = data + total * smooth
-            step = (data * gap + pull * smooth) / precision + noise[k] / math.sqrt(precision)
-            x[row] = old + step
-            # Sum w (d - step)² over the edges to earlier colours, without a second walk.
-            roughness += earlier_square + step * (earlier * step - 2.0 * earlier_pull)
-            d = gap - step
-            misfit += pixels * d * d
-        sums[block, 0] = roughness
-        sums[block, 1] = misfit
+                around = add_neighbour(weight_of(rows.weights, e), x[j] - old, j < row, around)
+            x[row], roughness, misfit = draw_site(old, graph.pixels[i], graph.mean[i], around, smooth, fit, noise[k])
+            lane = np.uint32(k % LANES)
+            rough[lane] += roughness
+            misfits[lane] += misfit
+        sums[block, 0], sums[block, 1] = sum_of_lanes(rough, misfits, high - low)
+
+
+@inlined_rule
+def pull_of_data(pixels: float, mean: float, fit: float) -> tuple[float, float]:
+    """Precision of a site by its data, and that times the height that they pull to."""
+    return pixels * fit, pixels * fit * mean
+
+
+@inlined_rule
+def pull_of_neighbour(w: float, smooth: float, x: float) -> tuple[float, float]:
+    """Precision that a neighbour at x adds to a site, and that times x."""
+    return w * smooth, w * smooth * x
 
 
 @loop
 def condition(graph: Graph, smooth: float, fit: float, x: Float64, precision: Float64, pull: Float64) -> None:
     """Find each node's conditional precision q_i given its neighbours' x, and q_i times its conditional mean."""
     for i in range(x.size):
-        precision[i] = graph.pixels[i] * fit
-        pull[i] = precision[i] * graph.mean[i]
+        precision[i], pull[i] = pull_of_data(graph.pixels[i], graph.mean[i], fit)
     for e in range(graph.edges.shape[0]):
         i, j = graph.edges[e, 0], graph.edges[e, 1]
-        b = weight_of(graph.weights, e) * smooth
+        b, of_j = pull_of_neighbour(weight_of(graph.weights, e), smooth, x[j])
+        _, of_i = pull_of_neighbour(weight_of(graph.weights, e), smooth, x[i])
         precision[i] += b
         precision[j] += b
-        pull[i] += b * x[j]
-        pull[j] += b * x[i]
+        pull[i] += of_j
+        pull[j] += of_i
 
 
 @loop
@@ -137,6 +164,18 @@ def probability_of_same(b: float, r_i: float, h_i: float, r_j: float, h_j: float
     return probability_within(centre, precision, tolerance)
 
 
+@inlined_rule
+def without_edge(precision: float, pull: float, b: float, other: float) -> tuple[float, float]:
+    """Precision r of a site without the edge of coupling b to a site at `other`, and h, r times the mean."""
+    return max(precision - b, 0.0), pull - b * other
+
+
+@inlined_rule
+def are_same(a: float, b: float, tolerance: float) -> bool:
+    """Whether two heights count as the same."""
+    return abs(a - b) <= tolerance
+
+
 @loop
 def add_probabilities(
     graph: Graph, smooth: float, tolerance: float, x: Float64, precision: Float64, pull: Float64,
@@ -154,8 +193,8 @@ def add_probabilities(
             i, j = edges[k, 0], edges[k, 1]
             own = weight_of(graph.weights, low + k) * smooth
             b[k] = own
-            r_i[k], h_i[k] = max(precision[i] - own, 0.0), pull[i] - own * x[j]
-            r_j[k], h_j[k] = max(precision[j] - own, 0.0), pull[j] - own * x[i]
+            r_i[k], h_i[k] = without_edge(precision[i], pull[i], own, x[j])
+            r_j[k], h_j[k] = without_edge(precision[j], pull[j], own, x[i])
         for k in range(sums.size):
             sums[k] += probability_of_same(b[k], r_i[k], h_i[k], r_j[k], h_j[k], tolerance)
 
@@ -164,4 +203,4 @@ def add_probabilities(
 def add_counts(graph: Graph, tolerance: float, x: Float64, first: int, last: int, same: Float32) -> None:
     """Add to `same` whether the heights of edges `first` to `last` are the same now."""
     for e in range(first, last):
-        same[e] += abs(x[graph.edges[e, 0]] - x[graph.edges[e, 1]]) <= tolerance
+        same[e] += are_same(x[graph.edges[e, 0]], x[graph.edges[e, 1]], tolerance)

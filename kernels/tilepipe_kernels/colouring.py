@@ -2,17 +2,18 @@
 
 Colours are given greedily in node order, each node the lowest that none of its neighbours has yet.  They are a
 function of the graph and the order of its nodes alone.  Region adjacency graphs are planar: five or six colours
-do in practice.
+do in practice.  Graphs of a device stay there, and get the same colours.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .compiled import loop
+from .arrays import namespace, on_device, to_host
+from .compiled import device_form, loop, rule
 
 MAXIMUM_COLOURS = 64
 """As many as bits of a word."""
@@ -30,14 +31,54 @@ class Rows(NamedTuple):
     order
         int32 (n,): the node of each row.
     offsets, neighbours, weights
-        int64 (n + 1,), int32 (2 m,), float32 (2 m,) or empty for weights of one: row k has the rows
+        int64 (n + 1,), int32 (2 m,), float (2 m,) or empty for weights of one: row k has the rows
         ``neighbours[offsets[k]:offsets[k + 1]]`` beside it; those of earlier colours are below k.
     """
 
     order: NDArray[np.int32]
     offsets: NDArray[np.int64]
     neighbours: NDArray[np.int32]
-    weights: NDArray[np.float32]
+    weights: NDArray[Any]
+
+
+@rule
+def key_of(edge: tuple[np.int32, np.int32]) -> np.int64:
+    """Both ends of an edge in one word, by which edges are sorted."""
+    return (np.int64(edge[0]) << 32) | np.int64(edge[1])
+
+
+@rule
+def is_faulty(edge: tuple[np.int32, np.int32], before: np.int64, nodes: int) -> bool:
+    """Whether an edge is out of range, not from lower to upper node, or not above the key of the one before it."""
+    return bool(edge[0] < 0 or edge[1] <= edge[0] or edge[1] >= nodes or key_of(edge) <= before)
+
+
+@loop
+def _edge_fault(edges: Edges, nodes: int) -> bool:
+    before = np.int64(-1)
+    for e in range(edges.shape[0]):
+        edge = edges[e, 0], edges[e, 1]
+        if is_faulty(edge, before, nodes):
+            return True
+        before = key_of(edge)
+    return False
+
+
+def in_order(edges: Edges, nodes: int) -> bool:
+    """Whether edges go from lower to upper node, are sorted, each once, and join nodes below ``nodes``."""
+    if on_device(edges):
+        device = device_form(__name__)
+        return not device.edge_fault(edges, nodes)
+    return not _edge_fault(edges, nodes)
+
+
+@rule
+def lowest_free(taken: np.uint64) -> int:
+    """Lowest colour whose bit is not set; MAXIMUM_COLOURS if all are."""
+    colour = 0
+    while colour < MAXIMUM_COLOURS and (taken >> np.uint64(colour)) & _ONE:
+        colour += 1
+    return colour
 
 
 @loop
@@ -46,9 +87,7 @@ def _colour(edges: Edges, colours: Colours) -> int:
     taken = np.zeros(colours.size, np.uint64)
     used = edge = 0
     for node in range(colours.size):
-        colour = 0
-        while colour < MAXIMUM_COLOURS and (taken[node] >> np.uint64(colour)) & _ONE:
-            colour += 1
+        colour = lowest_free(taken[node])
         if colour == MAXIMUM_COLOURS:
             return -1
         colours[node] = colour
@@ -79,8 +118,14 @@ def colour_graph(edges: Edges, nodes: int) -> Colours:
     ValueError
         For a graph that needs more than 64 colours.
     """
-    colours = np.empty(nodes, np.uint8)
-    if _colour(edges, colours) < 0:
+    if on_device(edges):
+        device = device_form(__name__)
+        colours: Colours = device.colour(edges, nodes)
+        enough = not bool((colours == MAXIMUM_COLOURS).any())
+    else:
+        colours = np.empty(nodes, np.uint8)
+        enough = _colour(edges, colours) >= 0
+    if not enough:
         raise ValueError(f"the graph needs more than {MAXIMUM_COLOURS} colours: is it a region adjacency graph?")
     return colours
 
@@ -91,16 +136,18 @@ def order_by_colour(colours: Colours) -> tuple[NDArray[np.int32], NDArray[np.int
     Returns
     -------
     order, bounds
-        int32 (n,) and int64 (colours + 1,): class c is ``order[bounds[c]:bounds[c + 1]]``, ascending.
+        int32 (n,) and int64 (colours + 1,): class c is ``order[bounds[c]:bounds[c + 1]]``, ascending.  The bounds
+        are always the host's, which they tell how many threads a class takes.
     """
-    order = np.argsort(colours, kind="stable").astype(np.int32)
-    return order, np.concatenate([[0], np.cumsum(np.bincount(colours))]).astype(np.int64)
+    xp = namespace(colours)
+    order = xp.argsort(colours, kind="stable").astype(xp.int32)
+    return order, np.concatenate([[0], np.cumsum(to_host(xp.bincount(colours)))]).astype(np.int64)
 
 
 @loop
 def _fill_rows(
-    edges: Edges, weights: NDArray[np.float32], rank: NDArray[np.int32], offsets: NDArray[np.int64],
-    neighbours: NDArray[np.int32], weights_of_rows: NDArray[np.float32],
+    edges: Edges, weights: NDArray[Any], rank: NDArray[np.int32], offsets: NDArray[np.int64],
+    neighbours: NDArray[np.int32], weights_of_rows: NDArray[Any],
 ) -> None:  # fmt: skip
     """Counting sort of both directions of every edge; ``offsets`` comes zeroed and holds two more than rows."""
     for edge in range(edges.shape[0]):
@@ -119,18 +166,20 @@ def _fill_rows(
             a, b = b, a
 
 
-def rows_in_order(edges: Edges, weights: NDArray[np.float32], order: NDArray[np.int32]) -> Rows:
+def rows_in_order(edges: Edges, weights: NDArray[Any], order: NDArray[np.int32]) -> Rows:
     """Rows of a graph in an order of its nodes; neighbours stand in that of the edges."""
+    if on_device(edges, weights, order):
+        device = device_form(__name__)
+        return device.rows_in_order(edges, weights, order)
     rank = np.empty_like(order)
     rank[order] = np.arange(order.size, dtype=np.int32)
     offsets = np.zeros(order.size + 2, np.int64)
     neighbours = np.empty(2 * len(edges), np.int32)
-    of_rows = np.empty(2 * len(weights), np.float32)
+    of_rows = np.empty(2 * len(weights), weights.dtype)
     _fill_rows(edges, weights, rank, offsets, neighbours, of_rows)
     return Rows(order, offsets[:-1], neighbours, of_rows)
 
 
-@loop
 def count_components(edges: Edges, marked: NDArray[np.bool_]) -> tuple[int, int]:
     """Count the connected components, and those among them without any marked node.
 
@@ -141,6 +190,14 @@ def count_components(edges: Edges, marked: NDArray[np.bool_]) -> tuple[int, int]
     marked
         bool, shape (n,).
     """
+    if on_device(edges, marked):
+        device = device_form(__name__)
+        return device.count_components(edges, marked)
+    return _count_components(edges, marked)
+
+
+@loop
+def _count_components(edges: Edges, marked: NDArray[np.bool_]) -> tuple[int, int]:
     root = np.arange(marked.size).astype(np.int32)
     for edge in range(edges.shape[0]):
         a, b = edges[edge, 0], edges[edge, 1]

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .arrays import namespace, on_device
+from .compiled import device_form
 from .diffusion_loops import Terms, Window, load, run_steps
 
 Model = Literal["curvature", "perona-malik-exponential", "perona-malik-rational"]
@@ -68,7 +70,7 @@ def diffuse(
         Grey values, shape (rows, columns), any real dtype, on a 0..255 scale (k and K depend on it).  Values
         that are not finite are nodata: they stay missing (NaN) and neither give nor take; a missing
         neighbour, or one outside the block, counts as equal to the centre, also in each of the two
-        one-dimensional Gaussian sums.
+        one-dimensional Gaussian sums.  An array of a device stays there, and the result is the same to the bit.
     steps
         Number of time steps.
     time_step
@@ -96,39 +98,50 @@ def diffuse(
         For an unstable time step (the message names the bound), a parameter out of range, a block that is not
         a two-dimensional real array, a core outside the block.
     """
-    image = np.asarray(block)
+    image: Any = block if on_device(block) else np.asarray(block)
     if image.ndim != 2 or image.dtype.kind not in "buif":
         raise ValueError(f"diffuse needs a two-dimensional real block, not {image.dtype} of shape {image.shape}")
     _check_parameters(steps, time_step, conductance, gradient_sigma, fidelity, model)
+    xp = namespace(image)
     rows, columns = image.shape
     r0, r1, c0, c1 = (0, rows, 0, columns) if core is None else (int(edge) for edge in core)
     if not (0 <= r0 <= r1 <= rows and 0 <= c0 <= c1 <= columns):
         raise ValueError(f"core {core} does not lie in the block of {rows} x {columns} pixels")
     if r0 == r1 or c0 == c1:
-        return np.empty((r1 - r0, c1 - c0), np.float32)
+        empty: NDArray[np.float32] = xp.empty((r1 - r0, c1 - c0), xp.float32)
+        return empty
 
-    image = np.ascontiguousarray(image, dtype=np.float32)
-    reach = _reach(gradient_sigma, model)
+    image = xp.ascontiguousarray(image, dtype=xp.float32)
+    terms = _terms(time_step, conductance, gradient_sigma, fidelity, model)
+    if on_device(image):
+        smoothed: NDArray[np.float32] = device_form(__name__).run_steps(image, (r0, r1, c0, c1), int(steps), terms)
+        return smoothed
+    reach = terms.reach
     padded = _padded_width(columns + 2 * reach)
     # A step in flight needs `reach` rows of the image and twice as many turning ones in the cache.
     at_once = max(1, min(_MOST_STEPS_AT_ONCE, steps, _CACHE_BYTES // (4 * padded * (3 * reach + 6))))
     turning = np.empty((rows + at_once * (reach + 1) + 1, padded), np.float32)
     whole = load(turning, image, reach)
+    first = run_steps(turning, image, whole, (r0, r1, c0, c1), int(steps), at_once, terms)
+    slots = (first + np.arange(r0, r1)) % (turning.shape[0] - 1)
+    result: NDArray[np.float32] = turning[slots, reach + c0 : reach + c1]
+    return result
+
+
+def _terms(
+    time_step: float, conductance: float, gradient_sigma: float, fidelity: float, model: Model
+) -> Terms:  # fmt: skip
     curvature = model == "curvature"
     # Bounded, so that every product of the rules is finite in float32 for grey levels up to a million.
     strength = min(conductance, 1e10) if curvature else max(conductance, 1e-15) ** -2
-    terms = Terms(
+    return Terms(
         model=get_args(Model).index(model),
-        reach=reach,
+        reach=_reach(gradient_sigma, model),
         weights=_gaussian_weights(gradient_sigma if curvature else 0.0),
         time_step=np.float32(time_step),
         strength=np.float32(strength),
         fidelity=np.float32(fidelity),
     )
-    first = run_steps(turning, image, whole, (r0, r1, c0, c1), int(steps), at_once, terms)
-    slots = (first + np.arange(r0, r1)) % (turning.shape[0] - 1)
-    result: NDArray[np.float32] = turning[slots, reach + c0 : reach + c1]
-    return result
 
 
 def _reach(gradient_sigma: float, model: Model) -> int:

@@ -1,4 +1,4 @@
-"""The rules and loops of nonlinear diffusion, see `diffusion`.
+"""The loops of nonlinear diffusion over the rows of a block, see `diffusion` and `diffusion_rules`.
 
 How the work is laid out.  One step at row `r` needs the rows `r - reach .. r + reach` of the step before.
 Several steps therefore follow one another down the block, each `reach` rows behind its predecessor, so that a
@@ -9,31 +9,30 @@ counted modulo their number.
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .compiled import loop, rule
+from .compiled import loop
+from .diffusion_rules import (
+    Gaps,
+    exponential_flux,
+    flowed,
+    limited,
+    moved_by_curvature,
+    rational_flux,
+    with_pair,
+)
 
 Window = tuple[int, int, int, int]
 Flat = NDArray[np.float32]
 Three = tuple[int, int, int]
 Seven = tuple[int, int, int, int, int, int, int]
 Image = NDArray[np.float32]
-# None where no value in reach can be missing: the compiler then leaves the tests out, half of the work.
-Gaps = bool | None
 Counts = NDArray[np.int64]
 
-_ZERO, _HALF, _ONE, _TWO, _QUARTER = (np.float32(value) for value in (0, 0.5, 1, 2, 0.25))
-# A gradient below 1/1000 grey level has no direction; the rule holds twice the gradient, hence the 4.
-_FLAT = np.float32(4e-6)
-_EXPONENTIAL_SCALE = np.float32(-1 / 32)
-_INVERSE_FACTORIALS = tuple(np.float32(1 / math.factorial(order)) for order in range(7))
-_F2, _F3, _F4, _F5, _F6 = _INVERSE_FACTORIALS[2:]
-
-CURVATURE, _EXPONENTIAL = 0, 1  # positions in diffusion.Model
+CURVATURE, EXPONENTIAL = 0, 1  # positions in diffusion.Model
 
 
 class Terms(NamedTuple):
@@ -58,89 +57,6 @@ class Rows(NamedTuple):
     frame: int
 
 
-# ------------------------------------------------------------------------------------------------- site rules
-
-
-@rule
-def present(value: np.float32, centre: np.float32, gaps: Gaps) -> np.float32:
-    """Value of a neighbour; the centre's where the neighbour is missing (NaN): no flux across that side."""
-    if gaps is None:
-        return value
-    return value if value == value else centre
-
-
-@rule
-def edge_strength(smooth_across: np.float32, smooth_down: np.float32, conductance: np.float32) -> np.float32:
-    """Strength k |∇(G_σ * u)|² of an edge, from twice the central differences of G_σ * u: g = 1 / (1 + it)."""
-    return conductance * (_QUARTER * (smooth_across * smooth_across + smooth_down * smooth_down))
-
-
-@rule
-def mean_curvature_motion(
-    nw: np.float32, n: np.float32, ne: np.float32,
-    w: np.float32, centre: np.float32, e: np.float32,
-    sw: np.float32, s: np.float32, se: np.float32,
-) -> tuple[np.float32, np.float32]:  # fmt: skip
-    """|∇u| div(∇u/|∇u|) by central differences, as numerator and denominator; Δu/2 where ∇u vanishes."""
-    across, down = e - w, s - n
-    twice = _TWO * centre
-    second_across, second_down = (e + w) - twice, (s + n) - twice
-    mixed = (se + nw) - (ne + sw)
-    across_squared, down_squared = across * across + _FLAT, down * down + _FLAT
-    along = second_across * down_squared + second_down * across_squared
-    return along - _HALF * (across * down) * mixed, across_squared + down_squared
-
-
-@rule
-def relaxed(
-    centre: np.float32, motion: tuple[np.float32, np.float32], strength: np.float32, given: np.float32,
-    time_step: np.float32, fidelity: np.float32,
-) -> np.float32:  # fmt: skip
-    """One explicit Euler step of u_t = g |∇u| div(∇u/|∇u|) - λ (1 - g)(u - I) (Barcelos et al. 2003).
-
-    With g = 1 / (1 + E) and the motion N / D the right side is (N - λ E D (u - I)) / ((1 + E) D): one division.
-    """
-    numerator, denominator = motion
-    drawn_back = fidelity * (strength * denominator * (centre - given))
-    return centre + time_step * ((numerator - drawn_back) / ((_ONE + strength) * denominator))
-
-
-@rule
-def lower(a: np.float32, b: np.float32) -> np.float32:
-    """Smaller of two values; `a` when `b` is missing."""
-    return b if b < a else a
-
-
-@rule
-def higher(a: np.float32, b: np.float32) -> np.float32:
-    """Larger of two values; `a` when `b` is missing."""
-    return b if b > a else a
-
-
-@rule
-def rational_flux(difference: np.float32, inverse_squared: np.float32) -> np.float32:
-    """Flux d / (1 + (d/K)²) along a grey difference d (Perona & Malik 1990), given 1/K²."""
-    return difference / (_ONE + inverse_squared * (difference * difference))
-
-
-@rule
-def exponential_flux(difference: np.float32, inverse_squared: np.float32) -> np.float32:
-    """Flux d exp(-(d/K)²) along a grey difference d (Perona & Malik 1990), given 1/K².
-
-    exp(x) = exp(x/32)^32 with a Taylor polynomial: only products and sums, so that every backend agrees and
-    the loop vectorises; absolute error below 4e-6.
-    """
-    squared = inverse_squared * (difference * difference)
-    x = _EXPONENTIAL_SCALE * (squared if squared < np.float32(80) else np.float32(80))
-    power = _ONE + x * (_ONE + x * (_F2 + x * (_F3 + x * (_F4 + x * (_F5 + x * _F6)))))
-    power *= power
-    power *= power
-    power *= power
-    power *= power
-    power *= power
-    return power * difference
-
-
 # ------------------------------------------------------------------------------------------------- row loops
 # Rows travel as a flat array and a position, and become views only here: a view that is handed on costs a
 # reference count each time, as much as tens of pixels.
@@ -153,7 +69,7 @@ def _add_pair(
     sums, here = total[to : to + count], flat[centre : centre + count]
     left, right = flat[before : before + count], flat[after : after + count]
     for j in range(count):
-        sums[j] += weight * (present(left[j], here[j], gaps) + present(right[j], here[j], gaps))
+        sums[j] = with_pair(sums[j], weight, left[j], right[j], here[j], gaps)
 
 
 @loop
@@ -167,9 +83,9 @@ def _centre_and_three_pairs(
     w0, w1, w2, w3 = weights[0], weights[1], weights[2], weights[3]
     for j in range(count):
         here = centre[j]
-        value = w0 * here + w1 * (present(a1[j], here, gaps) + present(b1[j], here, gaps))
-        value += w2 * (present(a2[j], here, gaps) + present(b2[j], here, gaps))
-        sums[j] = value + w3 * (present(a3[j], here, gaps) + present(b3[j], here, gaps))
+        value = with_pair(w0 * here, w1, a1[j], b1[j], here, gaps)
+        value = with_pair(value, w2, a2[j], b2[j], here, gaps)
+        sums[j] = with_pair(value, w3, a3[j], b3[j], here, gaps)
 
 
 @loop
@@ -186,22 +102,13 @@ def _curvature_row(
     smooth_centre = smooth[smooth_rows[1] - 1 : smooth_rows[1] + count + 1]
     smooth_below = smooth[smooth_rows[2] : smooth_rows[2] + count]
     for j in range(count):
-        here = smooth_centre[j + 1]
-        across = present(smooth_centre[j + 2], here, gaps) - present(smooth_centre[j], here, gaps)
-        down = present(smooth_below[j], here, gaps) - present(smooth_above[j], here, gaps)
-        strength = edge_strength(across, down, conductance)
-
-        here = centre[j + 1]
-        nw, n, ne = present(above[j], here, gaps), present(above[j + 1], here, gaps), present(above[j + 2], here, gaps)
-        w, e = present(centre[j], here, gaps), present(centre[j + 2], here, gaps)
-        sw, s, se = present(below[j], here, gaps), present(below[j + 1], here, gaps), present(below[j + 2], here, gaps)
-        motion = mean_curvature_motion(nw, n, ne, w, here, e, sw, s, se)
-        moved = relaxed(here, motion, strength, original[j], time_step, fidelity)
-        floor = lower(lower(lower(nw, n), lower(ne, w)), lower(lower(e, sw), lower(s, se)))
-        ceiling = higher(higher(higher(nw, n), higher(ne, w)), higher(higher(e, sw), higher(s, se)))
-        floor = lower(floor, lower(here, original[j]))
-        ceiling = higher(ceiling, higher(here, original[j]))
-        result[j] = lower(higher(moved, floor), ceiling)
+        near = (
+            above[j], above[j + 1], above[j + 2], centre[j], centre[j + 1], centre[j + 2],
+            below[j], below[j + 1], below[j + 2],
+        )  # fmt: skip
+        smoothed = (smooth_above[j], smooth_centre[j], smooth_centre[j + 1], smooth_centre[j + 2], smooth_below[j])
+        moved = moved_by_curvature(near, smoothed, original[j], time_step, conductance, fidelity, gaps)
+        result[j] = limited(moved, near, original[j], gaps)
 
 
 @loop
@@ -211,11 +118,11 @@ def _exponential_row(u: Flat, to: int, rows: Three, count: int, terms: Terms, ga
     above, below = u[rows[0] : rows[0] + count], u[rows[2] : rows[2] + count]
     for j in range(count):
         here = centre[j + 1]
-        n = exponential_flux(present(above[j], here, gaps) - here, inverse_squared)
-        s = exponential_flux(present(below[j], here, gaps) - here, inverse_squared)
-        w = exponential_flux(present(centre[j], here, gaps) - here, inverse_squared)
-        e = exponential_flux(present(centre[j + 2], here, gaps) - here, inverse_squared)
-        result[j] = here + time_step * ((n + s) + (w + e))
+        n = exponential_flux(above[j], here, inverse_squared, gaps)
+        w = exponential_flux(centre[j], here, inverse_squared, gaps)
+        e = exponential_flux(centre[j + 2], here, inverse_squared, gaps)
+        s = exponential_flux(below[j], here, inverse_squared, gaps)
+        result[j] = flowed(here, n, w, e, s, time_step)
 
 
 @loop
@@ -225,11 +132,11 @@ def _rational_row(u: Flat, to: int, rows: Three, count: int, terms: Terms, gaps:
     above, below = u[rows[0] : rows[0] + count], u[rows[2] : rows[2] + count]
     for j in range(count):
         here = centre[j + 1]
-        n = rational_flux(present(above[j], here, gaps) - here, inverse_squared)
-        s = rational_flux(present(below[j], here, gaps) - here, inverse_squared)
-        w = rational_flux(present(centre[j], here, gaps) - here, inverse_squared)
-        e = rational_flux(present(centre[j + 2], here, gaps) - here, inverse_squared)
-        result[j] = here + time_step * ((n + s) + (w + e))
+        n = rational_flux(above[j], here, inverse_squared, gaps)
+        w = rational_flux(centre[j], here, inverse_squared, gaps)
+        e = rational_flux(centre[j + 2], here, inverse_squared, gaps)
+        s = rational_flux(below[j], here, inverse_squared, gaps)
+        result[j] = flowed(here, n, w, e, s, time_step)
 
 
 # ----------------------------------------------------------------------------------------------- rows in spans
@@ -312,7 +219,7 @@ def _step_span(
         smooth = (at + (row - 1) % 3 * u.width, at + row % 3 * u.width, at + (row + 1) % 3 * u.width)
         wanted = row * u.columns + start - u.frame
         _curvature_row(u.flat, to + start, rows, ring, smooth, given, wanted, count, terms, gaps)
-    elif terms.model == _EXPONENTIAL:
+    elif terms.model == EXPONENTIAL:
         _exponential_row(u.flat, to + start, rows, count, terms, gaps)
     else:
         _rational_row(u.flat, to + start, rows, count, terms, gaps)
@@ -337,7 +244,7 @@ def load(turning: Image, image: Image, reach: int) -> Counts:
             source, inner = image[i], row[reach : reach + columns]
             finite = True
             for j in range(columns):
-                kept = source[j] - source[j] == _ZERO
+                kept = source[j] - source[j] == np.float32(0)
                 finite &= kept
                 inner[j] = source[j] if kept else np.float32(np.nan)
             whole[i + 1] = whole[i] + finite

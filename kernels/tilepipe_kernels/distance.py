@@ -15,13 +15,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .compiled import loop
+from .arrays import as_array, namespace, on_device
+from .compiled import device_form, loop, rule
 
 LARGEST_CAP = 16_000
-_DISTANCE_BITS = 32
+FEATURE_BITS = 32
 _OFFSET_BITS = 16
 _OFFSET_ZERO = 1 << 15
 _OFFSET_MASK = (1 << 16) - 1
+_ONE = np.int16(1)
 
 
 def halo(cap: int) -> int:
@@ -42,12 +44,12 @@ def checked_cap(cap: int) -> int:
 
 def mask_bytes(mask: NDArray[Any]) -> NDArray[np.uint8]:
     """Return a mask as contiguous uint8, 0 or 1; ValueError unless it is 2-D of bool or integers."""
-    array = np.asarray(mask)
+    array = as_array(mask)
     if array.ndim != 2:
         raise ValueError(f"mask must have two dimensions (rows, columns), not {array.ndim}")
     if array.dtype.kind not in "biu":
         raise ValueError(f"mask must be bool or integer, not {array.dtype}; compare it with a threshold first")
-    present: NDArray[np.bool_] = np.ascontiguousarray(array if array.dtype == np.bool_ else array != 0)
+    present: NDArray[np.bool_] = namespace(array).ascontiguousarray(array if array.dtype == np.bool_ else array != 0)
     return present.view(np.uint8)
 
 
@@ -98,6 +100,8 @@ def nearest_background(mask: NDArray[Any], cap: int) -> tuple[NDArray[np.int32],
         beyond the cap.
     """
     cap = checked_cap(cap)
+    if on_device(mask):
+        return device_form(__name__).nearest_background(mask_bytes(mask), cap)
     vertical = column_offsets(mask_bytes(mask), np.int16(cap + 1))
     squared = np.zeros(vertical.shape, np.int32)
     row_offset = np.zeros(vertical.shape, np.int16)
@@ -106,26 +110,35 @@ def nearest_background(mask: NDArray[Any], cap: int) -> tuple[NDArray[np.int32],
     return squared, row_offset, column_offset
 
 
+@rule
+def column_step(nearest: np.int16, far: np.int16, present: np.uint8) -> np.int16:
+    """Rows to the nearest background that a walk along a column has seen, one pixel on; at most ``far``."""
+    return np.int16(min(np.int16(nearest + _ONE), far) * np.int16(present))
+
+
+@rule
+def nearer_offset(above: np.int16, below: np.int16) -> np.int16:
+    """The nearer of two row offsets, the upper one of two at the same distance."""
+    return below if below < -above else above
+
+
 @loop
 def column_offsets(mask: NDArray[np.uint8], far: np.int16) -> NDArray[np.int16]:
     """Row offset to the nearest background in the pixel's column, the upper one of two; ±far if beyond."""
     rows, columns = mask.shape
     offsets = np.empty((rows, columns), np.int16)
     nearest = np.full(columns, far, np.int16)
-    one = np.int16(1)
     for i in range(rows):
         mask_row, offset_row = mask[i], offsets[i]
         for j in range(columns):
-            nearest[j] = min(np.int16(nearest[j] + one), far) * np.int16(mask_row[j])
+            nearest[j] = column_step(nearest[j], far, mask_row[j])
             offset_row[j] = -nearest[j]
     nearest[:] = far
     for i in range(rows - 1, -1, -1):
         mask_row, offset_row = mask[i], offsets[i]
         for j in range(columns):
-            below = np.int16(min(np.int16(nearest[j] + one), far) * np.int16(mask_row[j]))
-            nearest[j] = below
-            above = offset_row[j]
-            offset_row[j] = below if below < -above else above
+            nearest[j] = column_step(nearest[j], far, mask_row[j])
+            offset_row[j] = nearer_offset(offset_row[j], nearest[j])
     return offsets
 
 
@@ -152,6 +165,25 @@ def _row_distances(vertical: NDArray[np.int16], cap: int, squared: NDArray[np.in
             squared_row[j] = best
 
 
+@rule
+def feature_key(offset: np.int16) -> np.int64:
+    """Distance² and offsets of a background pixel in the same column, as a number whose order settles the ties."""
+    row = np.int64(offset)
+    return ((row * row) << FEATURE_BITS) + (((row + _OFFSET_ZERO) << _OFFSET_BITS) + _OFFSET_ZERO)
+
+
+@rule
+def shifted_key(key: np.int64, reach: np.int64, across: np.int64) -> np.int64:
+    """Key as seen from a pixel ``reach`` columns away; ``across`` is the signed column offset."""
+    return key + ((reach * reach) << FEATURE_BITS) + across
+
+
+@rule
+def feature_offsets(key: np.int64) -> tuple[np.int64, np.int64]:
+    """Row and column offset of a key."""
+    return ((key >> _OFFSET_BITS) & _OFFSET_MASK) - _OFFSET_ZERO, (key & _OFFSET_MASK) - _OFFSET_ZERO
+
+
 @loop
 def _row_features(
     vertical: NDArray[np.int16],
@@ -162,25 +194,21 @@ def _row_features(
 ) -> None:
     """As `_row_distances`, on keys (distance², row offset, column offset) whose order settles the ties."""
     rows, columns = vertical.shape
-    far = np.int64(cap * cap + 1) << _DISTANCE_BITS
+    far = np.int64(cap * cap + 1) << FEATURE_BITS
     keys = np.full(columns + 2 * cap, far, np.int64)
     for i in range(rows):
         offset_row = vertical[i]
         for j in range(columns):
-            offset = np.int64(offset_row[j])
-            keys[cap + j] = ((offset * offset) << _DISTANCE_BITS) + (
-                ((offset + _OFFSET_ZERO) << _OFFSET_BITS) + _OFFSET_ZERO
-            )
+            keys[cap + j] = feature_key(offset_row[j])
         for j in range(columns):
             if offset_row[j] == 0:
                 continue
             best = min(keys[cap + j], far)
             reach = np.int64(1)
-            while (reach * reach) << _DISTANCE_BITS <= best:
-                added = (reach * reach) << _DISTANCE_BITS
-                best = min(best, keys[cap + j - reach] + added - reach, keys[cap + j + reach] + added + reach)
+            while (reach * reach) << FEATURE_BITS <= best:
+                left = shifted_key(keys[cap + j - reach], reach, -reach)
+                best = min(best, left, shifted_key(keys[cap + j + reach], reach, reach))
                 reach += 1
-            squared[i, j] = best >> _DISTANCE_BITS
+            squared[i, j] = best >> FEATURE_BITS
             if best != far:
-                row_offset[i, j] = ((best >> _OFFSET_BITS) & _OFFSET_MASK) - _OFFSET_ZERO
-                column_offset[i, j] = (best & _OFFSET_MASK) - _OFFSET_ZERO
+                row_offset[i, j], column_offset[i, j] = feature_offsets(best)

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe_kernels.compiled import loop
+from .arrays import on_device
+from .compiled import device_form, loop
 
 
 def label_extremes(labels: NDArray[np.int32], values: NDArray[Any], count: int) -> tuple[NDArray[Any], NDArray[Any]]:
@@ -18,15 +19,22 @@ def label_extremes(labels: NDArray[np.int32], values: NDArray[Any], count: int) 
     labels
         int32, shape (rows, columns): 1 … ``count``; 0 is left out.
     values
-        Same shape, of a real dtype, without NaN where a label is.
+        Same shape, of a real dtype, without NaN where a label is; on a device int32 or int64.
     count
         Number of labels; each occurs.
 
     Returns
     -------
     lowest, highest
-        Of the values' dtype, shape (count,).
+        Of the values' dtype, shape (count,).  Arrays of a device stay there.
+
+    Raises
+    ------
+    ValueError
+        For values on a device that are not int32 or int64.
     """
+    if on_device(labels, values):
+        return device_form(__name__).label_extremes(labels, values, count)
     return _extremes(labels, np.ascontiguousarray(values), np.zeros(count + 1, np.bool_))
 
 

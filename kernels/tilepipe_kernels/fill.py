@@ -8,8 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe_kernels.compiled import loop
+from tilepipe_kernels.arrays import as_array, namespace, on_device
+from tilepipe_kernels.compiled import device_form, loop, rule
 from tilepipe_kernels.distance import checked_cap, column_offsets, mask_bytes
+
+Whole = int | np.int64
 
 
 def halo(reach: float) -> int:
@@ -37,18 +40,28 @@ def fill_voids(block: NDArray[Any], reach: float) -> NDArray[np.floating]:
     ValueError
         When ``reach`` is negative or above 16000, or the block is not two-dimensional.
     """
-    given = np.asarray(block)
-    values = np.array(given, dtype=given.dtype if given.dtype == np.float64 else np.float32)
+    given = as_array(block)
+    xp = namespace(given)
+    values = xp.array(given, dtype=given.dtype if given.dtype == np.float64 else np.float32)
     if values.ndim != 2:
         raise ValueError(f"block must have two dimensions (rows, columns), not {values.ndim}")
     if not reach >= 0:
         raise ValueError(f"reach must not be negative, not {reach}")
-    void = np.isnan(values)
+    void = xp.isnan(values)
     if reach < 1 or not void.any():
         return values
-    vertical = column_offsets(mask_bytes(void), np.int16(checked_cap(halo(reach)) + 1))
-    _fill(values, vertical, math.floor(reach * reach))
+    far, limit = np.int16(checked_cap(halo(reach)) + 1), math.floor(reach * reach)
+    if on_device(values):
+        return device_form(__name__).fill(values, device_form(__name__).column_offsets(mask_bytes(void), far), limit)
+    _fill(values, column_offsets(mask_bytes(void), far), limit)
     return values
+
+
+@rule
+def is_nearer(down: Whole, across: Whole, best: Whole, row: Whole, column: Whole) -> Any:
+    """Whether a value at an offset is nearer than the best so far, at a distance² and offset; rows settle ties."""
+    squared = down * down + across * across
+    return squared < best or (squared == best and (down < row or (down == row and across < column)))
 
 
 @loop
@@ -66,9 +79,8 @@ def _fill(values: NDArray[np.floating], vertical: NDArray[np.int16], limit: int)
                 for x in range(j - step, j + step + 1, max(1, 2 * step)):
                     if 0 <= x < columns:
                         down, across = np.int64(offsets[x]), x - j
-                        squared = down * down + across * across
-                        if squared < best or (squared == best and (down, across) < (row, column)):
-                            best, row, column = int(squared), down, across
+                        if is_nearer(down, across, best, row, column):
+                            best, row, column = int(down * down + across * across), down, across
                 step += 1
             if best <= limit:
                 values[i, j] = values[i + row, j + column]

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .compiled import loop
+from .arrays import namespace, on_device
+from .compiled import device_form, loop
 from .gaussian_passes import (
     CELL,
     CELL_ROWS,
@@ -23,6 +24,8 @@ from .gaussian_passes import (
     smooth_row,
     strip_buffer,
 )
+
+_GRIDS = f"{__package__}.gaussian"
 
 
 @loop
@@ -72,13 +75,14 @@ def _smooth_strip(
 
 
 def as_block(block: NDArray[Any]) -> Floats:
-    """Check that ``block`` is a real, non-empty image; return it as C-contiguous float32 (NaN = nodata)."""
-    array = np.asarray(block)
+    """Check that ``block`` is a real, non-empty image; return it as C-contiguous float32 (NaN = nodata) where it is."""
+    array = block if on_device(block) else np.asarray(block)
     if array.ndim != 2 or array.size == 0:
         raise ValueError(f"block has shape {array.shape}: give one image of shape (rows, columns)")
     if array.dtype.kind not in "biuf":
         raise ValueError(f"block has dtype {array.dtype}: give real numbers")
-    return np.ascontiguousarray(array, dtype=np.float32)
+    image: Floats = namespace(array).ascontiguousarray(array, dtype=np.float32)
+    return image
 
 
 def fill_nodata(block: Floats, sigma: float) -> tuple[Floats, NDArray[np.bool_] | None]:
@@ -90,7 +94,7 @@ def fill_nodata(block: Floats, sigma: float) -> tuple[Floats, NDArray[np.bool_] 
     Parameters
     ----------
     block
-        float32 image; NaN and infinities are nodata.
+        float32 image; NaN and infinities are nodata.  An array of a device stays there.
     sigma
         Scale in pixels.
 
@@ -99,9 +103,12 @@ def fill_nodata(block: Floats, sigma: float) -> tuple[Floats, NDArray[np.bool_] 
     filled, valid
         float32 image and bool image, or the block itself and None when nothing is missing.
     """
-    valid = np.isfinite(block)
-    if valid.all():
+    valid = namespace(block).isfinite(block)
+    # the one number that a device array is asked for: most images need no work and no memory
+    if bool(valid.all()):
         return block, None
+    if on_device(block):
+        return device_form(_GRIDS).fill(block, sigma), valid
     from scipy import ndimage  # a tenth of a second that most runs need not spend
 
     half = gaussian_taps(sigma).smooth.astype(np.float64)
@@ -124,6 +131,7 @@ def gaussian_derivatives(block: NDArray[Any], sigma: float) -> tuple[Floats, Flo
     ----------
     block
         Image (rows, columns) of real numbers; the border is replicated; NaN within the kernel gives NaN.
+        An array of a device stays there; the derivatives are the same to the bit.
     sigma
         Scale in pixels; the kernels end at ``ceil(4 sigma)``.
 
@@ -139,6 +147,9 @@ def gaussian_derivatives(block: NDArray[Any], sigma: float) -> tuple[Floats, Flo
         If the block is not a non-empty real image or sigma is not positive.
     """
     image = as_block(block)
+    if on_device(image):
+        images = device_form(_GRIDS).derivatives(image, sigma)
+        return images[0], images[1], images[2], images[3], images[4]
     taps = gaussian_taps(sigma)
     buffers = strip_buffer(image.shape[0], kernel_radius(sigma), 3)
     images = np.empty((5, *image.shape), np.float32)
@@ -153,12 +164,16 @@ def gaussian_smooth(block: Floats, sigma: float, active: NDArray[np.uint8] | Non
     Parameters
     ----------
     block
-        float32 image (rows, columns), C-contiguous.
+        float32 image (rows, columns), C-contiguous.  An array of a device stays there.
     sigma
         Scale in pixels.
     active
-        Cells wanted, uint8 (strips, cells down a strip); pixels of other cells are undefined.  None: all.
+        Cells wanted, uint8 (strips, cells down a strip); pixels of other cells are undefined.  None: all; a
+        device always makes all.
     """
+    if on_device(block):
+        smoothed: Floats = device_form(_GRIDS).smooth(block, sigma)
+        return smoothed
     rows, columns = block.shape
     if active is None:
         active = np.ones((-(-columns // STRIP), -(-rows // CELL_ROWS)), np.uint8)

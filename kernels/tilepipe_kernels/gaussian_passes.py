@@ -75,13 +75,40 @@ def _weighted(weights: Four, values: Four) -> np.float32:
 
 
 @rule
-def _sums(a: Four, b: Four) -> Four:
-    return a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3]
+def smooth_four(weights: Four, a: Four, b: Four) -> np.float32:
+    """Part that four pairs of pixels, after (a) and before (b) the centre, give to the smoothed value."""
+    return _weighted(weights, (a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3]))
 
 
 @rule
-def _differences(a: Four, b: Four) -> Four:
-    return a[0] - b[0], a[1] - b[1], a[2] - b[2], a[3] - b[3]
+def slope_four(weights: Four, a: Four, b: Four) -> np.float32:
+    """Part that four pairs of pixels give to the first derivative."""
+    return _weighted(weights, (a[0] - b[0], a[1] - b[1], a[2] - b[2], a[3] - b[3]))
+
+
+@rule
+def bend_four(weights: Four, a: Four, b: Four, centre: np.float32) -> np.float32:
+    """Part that four pairs of pixels give to the second derivative."""
+    twice = TWO * centre
+    return _weighted(weights, (a[0] + b[0] - twice, a[1] + b[1] - twice, a[2] + b[2] - twice, a[3] + b[3] - twice))
+
+
+@rule
+def smooth_pair(weight: np.float32, a: np.float32, b: np.float32) -> np.float32:
+    """Part of one pair."""
+    return weight * (a + b)
+
+
+@rule
+def slope_pair(weight: np.float32, a: np.float32, b: np.float32) -> np.float32:
+    """Part of one pair in the first derivative."""
+    return weight * (a - b)
+
+
+@rule
+def bend_pair(weight: np.float32, a: np.float32, b: np.float32, centre: np.float32) -> np.float32:
+    """Part of one pair in the second derivative."""
+    return weight * (a + b - TWO * centre)
 
 
 @loop
@@ -118,20 +145,18 @@ def _row_pass(padded: Floats, taps: Taps, h_0: Floats, h_1: Floats, h_2: Floats)
         left, right = padded[radius - k - 3 :], padded[radius + k :]
         smooth, first, second = _four(taps.smooth, k), _four(taps.first, k), _four(taps.second, k)
         for i in range(STRIP):
-            twice = TWO * centre[i]
             a = right[i], right[i + 1], right[i + 2], right[i + 3]
             b = left[i + 3], left[i + 2], left[i + 1], left[i]
-            pairs = _sums(a, b)
-            h_0[i] += _weighted(smooth, pairs)
-            h_1[i] += _weighted(first, _differences(a, b))
-            h_2[i] += _weighted(second, _differences(pairs, (twice, twice, twice, twice)))
+            h_0[i] += smooth_four(smooth, a, b)
+            h_1[i] += slope_four(first, a, b)
+            h_2[i] += bend_four(second, a, b, centre[i])
         k += 4
     while k <= radius:
         left, right = padded[radius - k :], padded[radius + k :]
         for i in range(STRIP):
-            h_0[i] += taps.smooth[k] * (right[i] + left[i])
-            h_1[i] += taps.first[k] * (right[i] - left[i])
-            h_2[i] += taps.second[k] * (right[i] + left[i] - TWO * centre[i])
+            h_0[i] += smooth_pair(taps.smooth[k], right[i], left[i])
+            h_1[i] += slope_pair(taps.first[k], right[i], left[i])
+            h_2[i] += bend_pair(taps.second[k], right[i], left[i], centre[i])
         k += 1
 
 
@@ -145,7 +170,7 @@ def smooth_row(padded: Floats, taps: Floats, out: Floats) -> None:
     for k in range(1, radius + 1):
         left, right, weight = padded[radius - k :], padded[radius + k :], taps[k]
         for i in range(STRIP):
-            out[i] += weight * (right[i] + left[i])
+            out[i] += smooth_pair(weight, right[i], left[i])
 
 
 @loop
@@ -162,12 +187,12 @@ def smooth_cell(buffer: Floats, start: int, taps: Floats, out: Floats) -> None:
         for i in range(CELL):
             a = down[i], down[i + STRIP], down[i + 2 * STRIP], down[i + 3 * STRIP]
             b = up[i + 3 * STRIP], up[i + 2 * STRIP], up[i + STRIP], up[i]
-            out[i] += _weighted(smooth, _sums(a, b))
+            out[i] += smooth_four(smooth, a, b)
         k += 4
     while k <= radius:
         up, down, weight = buffer[start - k * STRIP :], buffer[start + k * STRIP :], taps[k]
         for i in range(CELL):
-            out[i] += weight * (down[i] + up[i])
+            out[i] += smooth_pair(weight, down[i], up[i])
         k += 1
 
 
@@ -185,15 +210,15 @@ def _smooth_and_slope_cell(buffer: Floats, start: int, taps: Taps, out: Floats) 
         for i in range(CELL):
             a = down[i], down[i + STRIP], down[i + 2 * STRIP], down[i + 3 * STRIP]
             b = up[i + 3 * STRIP], up[i + 2 * STRIP], up[i + STRIP], up[i]
-            out[i] += _weighted(smooth, _sums(a, b))
-            out[i + CELL] += _weighted(first, _differences(a, b))
+            out[i] += smooth_four(smooth, a, b)
+            out[i + CELL] += slope_four(first, a, b)
         k += 4
     while k <= radius:
         up, down = buffer[start - k * STRIP :], buffer[start + k * STRIP :]
         weight, slope = taps.smooth[k], taps.first[k]
         for i in range(CELL):
-            out[i] += weight * (down[i] + up[i])
-            out[i + CELL] += slope * (down[i] - up[i])
+            out[i] += smooth_pair(weight, down[i], up[i])
+            out[i + CELL] += slope_pair(slope, down[i], up[i])
         k += 1
 
 
@@ -209,18 +234,17 @@ def _slope_and_curvature_cell(buffer: Floats, start: int, taps: Taps, out: Float
         up, down = buffer[start - (k + 3) * STRIP :], buffer[start + k * STRIP :]
         first, second = _four(taps.first, k), _four(taps.second, k)
         for i in range(CELL):
-            twice = TWO * centre[i]
             a = down[i], down[i + STRIP], down[i + 2 * STRIP], down[i + 3 * STRIP]
             b = up[i + 3 * STRIP], up[i + 2 * STRIP], up[i + STRIP], up[i]
-            out[i] += _weighted(first, _differences(a, b))
-            out[i + CELL] += _weighted(second, _differences(_sums(a, b), (twice, twice, twice, twice)))
+            out[i] += slope_four(first, a, b)
+            out[i + CELL] += bend_four(second, a, b, centre[i])
         k += 4
     while k <= radius:
         up, down = buffer[start - k * STRIP :], buffer[start + k * STRIP :]
         slope, curvature = taps.first[k], taps.second[k]
         for i in range(CELL):
-            out[i] += slope * (down[i] - up[i])
-            out[i + CELL] += curvature * (down[i] + up[i] - TWO * centre[i])
+            out[i] += slope_pair(slope, down[i], up[i])
+            out[i + CELL] += bend_pair(curvature, down[i], up[i], centre[i])
         k += 1
 
 

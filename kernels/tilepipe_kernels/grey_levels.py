@@ -1,11 +1,16 @@
-"""Grey levels in and out of storage: stretched to 0–255, kept in steps with a nodata flag, put back as an image."""
+"""Grey levels in and out of storage: stretched to 0–255, kept in steps with a nodata flag, put back as an image.
+
+Arrays of a device stay there.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .compiled import loop, rule
+from .arrays import on_device
+from .compiled import device_form, loop, rule
+from .rounding import nearest_whole
 
 LARGEST_GREY = 255.0
 
@@ -35,7 +40,7 @@ def stretched(value: np.float32, darkest: np.float32, scale: np.float32) -> np.f
 def stored(grey: np.float32, in_region: bool, missing: bool) -> np.uint16:
     """Grey level of a region in steps above the nodata flag; `NO_REGION` with the flag elsewhere."""
     # the cast of NaN is undefined and differs between the compiler's loops, so NaN counts as no grey of its own
-    steps = np.uint16(np.uint16(np.rint(grey * _STEPS)) << 1) if in_region and grey == grey else _NO_REGION
+    steps = np.uint16(np.uint16(nearest_whole(grey * _STEPS)) << 1) if in_region and grey == grey else _NO_REGION
     return np.uint16(steps | np.uint16(missing))
 
 
@@ -46,6 +51,23 @@ def restored(packed: np.uint16, dark: np.float32, limit: np.float32) -> np.float
     return dark if grey < dark else (limit if grey > limit else grey)
 
 
+@rule
+def restored_in_street(
+    in_mask: bool, region: np.uint32, packed: np.uint16, dark: np.float32, limit: np.float32, bright: np.float32
+) -> np.float32:
+    """Grey level of a pixel of the image of streets: bright outside; what the mask bridges is dark."""
+    if not in_mask:
+        return bright
+    return restored(packed, dark, limit) if region != 0 and packed < _NO_REGION else dark
+
+
+@rule
+def level_of(grey: np.float32, k: int, start: np.float32, slope: np.float32) -> np.float32:
+    """Level of a grey value in the interval above mean k, linear, in whole steps."""
+    level = np.float32(k) + (grey - start) * slope
+    return nearest_whole(level * _LEVEL_STEPS) * _PER_LEVEL_STEP
+
+
 @loop
 def _to_levels(grey: NDArray[np.float32], starts: NDArray[np.float32], slopes: NDArray[np.float32]) -> None:
     for i in range(grey.shape[0]):
@@ -54,8 +76,7 @@ def _to_levels(grey: NDArray[np.float32], starts: NDArray[np.float32], slopes: N
             k = 0
             for level in range(1, slopes.size):
                 k += row[j] >= starts[level]
-            level = np.float32(k) + (row[j] - starts[k]) * slopes[k]
-            row[j] = np.rint(level * _LEVEL_STEPS) * _PER_LEVEL_STEP
+            row[j] = level_of(row[j], k, starts[k], slopes[k])
 
 
 @loop
@@ -86,9 +107,7 @@ def _street_image(
 ) -> None:
     for i in range(mask.shape[0]):
         for j in range(mask.shape[1]):
-            own = ids[i, j] != 0 and packed[i, j] < _NO_REGION
-            inside = restored(packed[i, j], dark, limit) if own else dark
-            image[i, j] = inside if mask[i, j] else bright
+            image[i, j] = restored_in_street(mask[i, j], ids[i, j], packed[i, j], dark, limit, bright)
 
 
 def stretch(values: NDArray[np.float32], darkest: float, brightest: float) -> NDArray[np.float32]:
@@ -113,8 +132,11 @@ def stretch(values: NDArray[np.float32], darkest: float, brightest: float) -> ND
     """
     if not brightest > darkest:
         raise ValueError(f"brightest ({brightest}) must exceed darkest ({darkest})")
+    scale = np.float32(LARGEST_GREY / (brightest - darkest))
+    if on_device(values):
+        return device_form(__name__).stretch(values, np.float32(darkest), scale)
     grey = np.empty(values.shape, np.float32)
-    _stretch(values, np.float32(darkest), np.float32(LARGEST_GREY / (brightest - darkest)), grey)
+    _stretch(values, np.float32(darkest), scale, grey)
     return grey
 
 
@@ -141,8 +163,11 @@ def to_levels(grey: NDArray[np.float32], means: NDArray[np.float64]) -> NDArray[
     gaps = np.diff(means)
     if gaps.size < 1 or not (gaps > 0).all():
         raise ValueError(f"the means of at least two classes must ascend, not {means}")
+    starts, slopes = np.asarray(means[:-1], np.float32), np.asarray(1 / gaps, np.float32)
+    if on_device(grey):
+        return device_form(__name__).to_levels(grey, starts, slopes)
     levels = grey.astype(np.float32, order="C")
-    _to_levels(levels, np.asarray(means[:-1], np.float32), np.asarray(1 / gaps, np.float32))
+    _to_levels(levels, starts, slopes)
     return levels
 
 
@@ -161,6 +186,8 @@ def store(grey: NDArray[np.float32], in_region: NDArray[np.bool_], missing: NDAr
     ndarray of uint16, shape (rows, columns)
         `NO_REGION`, with the flag, outside regions.
     """
+    if on_device(grey, in_region, missing):
+        return device_form(__name__).store(grey, in_region, missing)
     packed = np.empty(grey.shape, np.uint16)
     _store(grey, in_region, missing, packed)
     return packed
@@ -196,7 +223,9 @@ def street_image(
     ndarray of float32, shape (rows, columns)
         Grey levels between ``dark`` and ``bright``.
     """
+    levels = np.float32(dark), np.float32(max(dark, min(threshold, bright))), np.float32(bright)
+    if on_device(mask, ids, packed):
+        return device_form(__name__).street_image(mask, ids, packed, *levels)
     image = np.empty(mask.shape, np.float32)
-    limit = max(dark, min(threshold, bright))
-    _street_image(mask, ids, packed, np.float32(dark), np.float32(limit), np.float32(bright), image)
+    _street_image(mask, ids, packed, *levels, image)
     return image

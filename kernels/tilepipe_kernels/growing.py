@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .compiled import loop, rule
+from .arrays import as_array, namespace, on_device
+from .compiled import device_form, loop, rule
 
 _LARGEST = np.finfo(np.float32).max
 
@@ -61,9 +62,10 @@ def rectangle_centers(block: NDArray[Any], rows: int, columns: int, origin: tupl
     if rows == columns == 1:
         return block
     height, width = block.shape
-    i = np.minimum(np.arange(rows // 2, height + rows // 2, rows), height - 1)
-    j = np.minimum(np.arange(columns // 2, width + columns // 2, columns), width - 1)
-    return np.asarray(block[i[:, None], j])
+    xp = namespace(block)
+    i = xp.minimum(xp.arange(rows // 2, height + rows // 2, rows), height - 1)
+    j = xp.minimum(xp.arange(columns // 2, width + columns // 2, columns), width - 1)
+    return block[i[:, None], j]
 
 
 # ------------------------------------------------------------------------------------------------- growing
@@ -205,7 +207,7 @@ def grow_regions(values: ArrayLike, tolerance: float, *, maximum: float = math.i
         For a negative tolerance, an array that is not two-dimensional and real, or one of 2³¹ rectangles or
         more.
     """
-    array = np.asarray(values)
+    array = as_array(values)
     if array.ndim != 2 or array.dtype.kind not in "buif":
         raise ValueError(f"values must be a two-dimensional real array, not {array.dtype} of shape {array.shape}")
     if not tolerance >= 0:
@@ -214,11 +216,14 @@ def grow_regions(values: ArrayLike, tolerance: float, *, maximum: float = math.i
         raise ValueError("maximum must be a grey value or infinity, not NaN")
     if array.size >= 2**31 - 1:
         raise ValueError(f"{array.size} rectangles are too many for one block; label smaller blocks")
-    labels = np.zeros(array.shape, np.int32)
+    xp = namespace(array)
+    labels: NDArray[np.int32] = xp.zeros(array.shape, xp.int32)
     if array.size == 0:
         return labels
-    array = np.ascontiguousarray(array, dtype=np.float32)
+    array = xp.ascontiguousarray(array, dtype=xp.float32)
     highest = np.float32(min(maximum, float(_LARGEST)))
+    if on_device(array):
+        return device_form(__name__).grow(array, -_LARGEST, highest, np.float32(tolerance))
     # Pages that no run needs are never touched, so the worst case costs address space only.
     parent = np.empty(array.size + 1, np.int32)
     _grow(labels, array, -_LARGEST, highest, np.float32(tolerance), parent)

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe_kernels.compiled import loop
+from tilepipe_kernels.arrays import on_device
+from tilepipe_kernels.compiled import device_form, loop, rule
 
 _SHIFT = 13
 BINS = 1 << (32 - _SHIFT)
@@ -22,13 +23,19 @@ _SIGN = np.uint32(0x80000000)
 _ALL = np.uint32(0xFFFFFFFF)
 
 
+@rule
+def bin_of(bits: np.uint32, value: np.float32) -> np.uint32:
+    """Bin of a value that is not NaN, given its bit pattern."""
+    pattern = bits if value != 0 else np.uint32(0)  # minus zero is zero
+    ordered = (pattern ^ _ALL) if pattern & _SIGN else (pattern ^ _SIGN)
+    return np.uint32(ordered >> np.uint32(_SHIFT))
+
+
 @loop
 def _count(bits: NDArray[np.uint32], values: NDArray[np.float32], counts: NDArray[np.int64]) -> None:
     for i in range(bits.size):
         if values[i] == values[i]:
-            pattern = bits[i] if values[i] != 0 else np.uint32(0)  # minus zero is zero
-            ordered = (pattern ^ _ALL) if pattern & _SIGN else (pattern ^ _SIGN)
-            counts[ordered >> np.uint32(_SHIFT)] += 1
+            counts[bin_of(bits[i], values[i])] += 1
 
 
 def histogram(block: NDArray[Any]) -> NDArray[np.int64]:
@@ -44,6 +51,8 @@ def histogram(block: NDArray[Any]) -> NDArray[np.int64]:
     ndarray of int64, shape (BINS,)
         Counts; the bins are ordered by value.
     """
+    if on_device(block):
+        return device_form(__name__).histogram(block)
     values = np.ascontiguousarray(block, dtype=np.float32).reshape(-1)
     counts = np.zeros(BINS, np.int64)
     _count(values.view(np.uint32), values, counts)

@@ -15,7 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .compiled import loop, rule
+from .arrays import namespace, on_device
+from .compiled import device_form, loop, rule
 from .gaussian_passes import Floats
 from .line_points import LinePoints
 
@@ -36,6 +37,12 @@ SAME_PLACE = np.float32(0.5)
 # Normals of one line turn less than 60° between neighbouring points.
 SMALLEST_COSINE = np.float32(0.5)
 ONE = np.float32(1)
+
+_A0, _A1, _A2, _A3 = (np.float32(a) for a in (1.5707963050, -0.2145988016, 0.0889789874, -0.0501743046))
+_A4, _A5, _A6, _A7 = (np.float32(a) for a in (0.0308918810, -0.0170881256, 0.0066700901, -0.0012624911))
+
+
+Four = tuple[np.float32, np.float32, np.float32, np.float32]
 
 
 class Geometry(NamedTuple):
@@ -79,64 +86,115 @@ def neighbour_table(points: LinePoints) -> NDArray[np.int32]:
     Returns
     -------
     ndarray
-        int32, shape (points, 8).
+        int32, shape (points, 8); on the device where the points lie on one.
     """
+    if on_device(points.row):
+        found: NDArray[np.int32] = device_form(__name__).neighbour_table(points)
+        return found
     return _neighbour_table(points.row, points.col)
+
+
+@rule
+def arc_cosine(cosine: np.float32) -> np.float32:
+    """Angle in radians of a cosine from 0 to 1, to 2e-8 and rounding (Abramowitz & Stegun 1964, 4.4.46).
+
+    Only products, sums and a root, so that every backend agrees.
+    """
+    high = _A3 + cosine * (_A4 + cosine * (_A5 + cosine * (_A6 + cosine * _A7)))
+    return np.float32(math.sqrt(ONE - cosine)) * (_A0 + cosine * (_A1 + cosine * (_A2 + cosine * high)))
 
 
 @rule
 def link_cost(distance: np.float32, cosine: np.float32) -> np.float32:
     """Steger's cost of a link: sub-pixel distance plus angle between the normals (modulo pi, radians)."""
-    return distance + np.float32(math.acos(min(abs(cosine), ONE)))
+    return distance + arc_cosine(min(abs(cosine), ONE))
+
+
+@rule
+def step_between(
+    down: np.int32, right: np.int32, here: Four, there: Four
+) -> tuple[np.float32, np.float32, np.float32, np.float32]:
+    """Step to the neighbour some pixels down and right: x and y between the points, length, cosine of normals.
+
+    A point is (dx, dy, nx, ny), as in `Geometry`.
+    """
+    x = np.float32(right) + (there[0] - here[0])
+    y = np.float32(down) + (there[1] - here[1])
+    return x, y, np.float32(math.sqrt(x * x + y * y)), abs(here[2] * there[2] + here[3] * there[3])
+
+
+@rule
+def cost_between(down: np.int32, right: np.int32, here: Four, there: Four) -> np.float32:
+    """Cost of the link of two neighbours."""
+    _, _, length, cosine = step_between(down, right, here, there)
+    return link_cost(length, cosine)
+
+
+@rule
+def is_rival(down: np.int32, right: np.int32, here: Four, there: Four, is_earlier: bool) -> bool:
+    """Whether a neighbour sees the same place of a line and sees it better; of equals the earlier one does."""
+    _, _, length, cosine = step_between(down, right, here, there)
+    if not (length <= SAME_PLACE and cosine >= SMALLEST_COSINE):
+        return False
+    own, other = here[0] * here[0] + here[1] * here[1], there[0] * there[0] + there[1] * there[1]
+    return bool(other < own or (other == own and is_earlier))
+
+
+@rule
+def side_and_cost(down: np.int32, right: np.int32, here: Four, there: Four) -> tuple[int, np.float32]:
+    """Side of a neighbour, 0 along +tangent (-ny, nx), 1 along -tangent, -1 farther off than 45°; cost of its link."""
+    x, y, length, cosine = step_between(down, right, here, there)
+    along, across = here[2] * y - here[3] * x, here[2] * x + here[3] * y
+    if abs(across) > abs(along):
+        return -1, length
+    return (0 if along > 0 else 1), link_cost(length, cosine)
+
+
+@rule
+def attaches(k: int, other: int, mutual: int, mutual_there: int) -> bool:
+    """Whether the end of a path attaches to the point in direction k, which it picked on its free side.
+
+    It picked direction `other` on the other side; `mutual` are the bits of its mutual links.
+    """
+    if k < 0 or other < 0 or mutual & (1 << k) or not mutual & (1 << other):
+        return False
+    return mutual_there != 0
 
 
 @loop
-def _step(i: int, j: int, k: int, geometry: Geometry) -> tuple[np.float32, np.float32, np.float32, np.float32]:
-    """Step from i to neighbour j in direction k: x and y between the points, length, cosine of normals."""
-    dx, dy, nx, ny = geometry
-    x = np.float32(COL_OFFSETS[k]) + (dx[j] - dx[i])
-    y = np.float32(ROW_OFFSETS[k]) + (dy[j] - dy[i])
-    return x, y, np.float32(math.sqrt(x * x + y * y)), abs(nx[i] * nx[j] + ny[i] * ny[j])
+def _point(geometry: Geometry, i: int) -> Four:
+    return geometry.dx[i], geometry.dy[i], geometry.nx[i], geometry.ny[i]
 
 
 @loop
 def _rivals(table: NDArray[np.int32], geometry: Geometry) -> NDArray[np.bool_]:
     """Points that see a place of a line which a neighbouring pixel sees better."""
-    dx, dy, _, _ = geometry
-    suppressed = np.zeros(dx.size, np.bool_)
-    for i in range(dx.size):
-        distance = dx[i] * dx[i] + dy[i] * dy[i]
+    suppressed = np.zeros(table.shape[0], np.bool_)
+    for i in range(suppressed.size):
+        here = _point(geometry, i)
         for k in range(8):
             j = table[i, k]
-            if j < 0:
-                continue
-            _, _, length, cosine = _step(i, j, k, geometry)
-            if length <= SAME_PLACE and cosine >= SMALLEST_COSINE:
-                other = dx[j] * dx[j] + dy[j] * dy[j]
-                suppressed[i] |= other < distance or (other == distance and j < i)
+            if j >= 0:
+                there = _point(geometry, j)
+                suppressed[i] |= is_rival(ROW_OFFSETS[k], COL_OFFSETS[k], here, there, j < i)
     return suppressed
 
 
 @loop
 def _picks(table: NDArray[np.int32], suppressed: NDArray[np.bool_], geometry: Geometry) -> NDArray[np.int8]:
-    """Direction of the neighbour picked along +tangent and -tangent, or -1; the tangent is (-ny, nx)."""
-    _, _, nx, ny = geometry
-    picks = np.full((nx.size, 2), -1, np.int8)
-    for i in range(nx.size):
+    """Direction of the neighbour picked along +tangent and -tangent, or -1."""
+    picks = np.full((suppressed.size, 2), -1, np.int8)
+    for i in range(suppressed.size):
         if suppressed[i]:
             continue
+        here = _point(geometry, i)
         best, cheapest = np.full(2, -1, np.int32), np.full(2, np.inf, np.float32)
         for k in range(8):
             j = table[i, k]
             if j < 0 or suppressed[j]:
                 continue
-            x, y, length, cosine = _step(i, j, k, geometry)
-            along, across = nx[i] * y - ny[i] * x, nx[i] * x + ny[i] * y
-            if abs(across) > abs(along):
-                continue
-            side = 0 if along > 0 else 1
-            cost = link_cost(length, cosine)
-            if cost < cheapest[side] or (cost == cheapest[side] and j < best[side]):
+            side, cost = side_and_cost(ROW_OFFSETS[k], COL_OFFSETS[k], here, _point(geometry, j))
+            if side >= 0 and (cost < cheapest[side] or (cost == cheapest[side] and j < best[side])):
                 picks[i, side], cheapest[side], best[side] = k, cost, j
     return picks
 
@@ -163,10 +221,8 @@ def _attached_links(table: NDArray[np.int32], picks: NDArray[np.int8], mutual: N
     for i in range(links.size):
         for side in range(2):
             k, other = picks[i, side], picks[i, 1 - side]
-            if k < 0 or other < 0 or mutual[i] & (1 << k) or not mutual[i] & (1 << other):
-                continue
-            j = table[i, k]
-            if mutual[j] != 0:
+            j = table[i, max(k, 0)]
+            if attaches(k, other, mutual[i], mutual[max(j, 0)]):
                 links[i] |= np.uint8(1 << k)
                 links[j] |= np.uint8(1 << ((k + 4) % 8))
     return links
@@ -180,9 +236,9 @@ def _badness(
     j = table[i, k]
     if j < i:
         i, j, k = j, i, (k + 4) % 8
-    _, _, length, cosine = _step(i, j, k, geometry)
     attached = (mutual[i] & (1 << k)) == 0
-    return attached, link_cost(length, cosine), i, j
+    cost = cost_between(ROW_OFFSETS[k], COL_OFFSETS[k], _point(geometry, i), _point(geometry, j))
+    return attached, cost, i, j
 
 
 @loop
@@ -232,10 +288,15 @@ def link_points(points: LinePoints) -> NDArray[np.uint8]:
     -------
     ndarray
         uint8 per point: bit k is set when the point is linked to its neighbour in direction k of
-        `NEIGHBOUR_OFFSETS`.  Symmetric; 0 for isolated and for suppressed points.
+        `NEIGHBOUR_OFFSETS`.  Symmetric; 0 for isolated and for suppressed points.  On the device where the
+        points lie on one, and the same there.
     """
     if len(points) == 0:
-        return np.zeros(0, np.uint8)
+        none: NDArray[np.uint8] = namespace(points.row).zeros(0, np.uint8)
+        return none
+    if on_device(points.row):
+        links: NDArray[np.uint8] = device_form(__name__).link_points(points)
+        return links
     table = neighbour_table(points)
     geometry = Geometry(points.dx, points.dy, points.nx, points.ny)
     picks = _picks(table, _rivals(table, geometry), geometry)

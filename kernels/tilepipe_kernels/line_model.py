@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .arrays import namespace
 from .compiled import rule
 
 # Bisection brings Newton's method near enough to converge; four steps then leave no error that float32 shows.
@@ -67,13 +68,15 @@ def position_standard_error(response: NDArray[Any] | float, sigma: float, noise:
     Parameters
     ----------
     response
-        ``|r_nn|`` in grey per pixel².
+        ``|r_nn|`` in grey per pixel².  An array of a device stays there.
     sigma
         Gaussian scale in pixels.
     noise
         Standard deviation of the noise of one pixel, grey.
     """
-    return noise / (math.sqrt(8 * math.pi) * sigma**2 * np.asarray(response, np.float64))
+    magnitude = namespace(response).asarray(response, dtype=np.float64)
+    error: NDArray[np.float64] = noise / (math.sqrt(8 * math.pi) * sigma**2 * magnitude)
+    return error
 
 
 def response_bins(low: float, high: float, bins: int = 128) -> NDArray[np.float64]:

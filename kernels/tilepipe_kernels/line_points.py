@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .compiled import loop, rule
+from .arrays import namespace, on_device
+from .compiled import device_form, loop, rule
 from .gaussian_derivatives import as_block, fill_nodata
 from .gaussian_passes import (
     CELL,
@@ -35,7 +36,7 @@ REACH = np.float32(0.6)
 
 @dataclass(frozen=True)
 class LinePoints:
-    """Line points in row-major order; arrays of equal length.
+    """Line points in row-major order; arrays of equal length, all on the host or all on a device.
 
     Attributes
     ----------
@@ -186,7 +187,8 @@ def line_points(
     Returns
     -------
     LinePoints
-        Sorted row-major.
+        Sorted row-major; on the device where the block (and the mask) lies on one.  There they are the same to
+        the bit, except that what is filled for nodata may be rounded otherwise.
 
     Raises
     ------
@@ -197,9 +199,12 @@ def line_points(
         raise ValueError(f"low is {low}: give a positive threshold in grey per pixel²")
     image, valid = fill_nodata(as_block(block), sigma)
     rows, columns = image.shape
-    accepted = _as_mask(mask, image.shape)
+    accepted = _as_mask(mask, image)
     if valid is not None:
         accepted = accepted & valid.view(np.uint8)
+    if on_device(image):
+        sign = np.float32(1 if dark else -1)
+        return LinePoints(*device_form(__name__).find(image, accepted, sigma, sign, np.float32(low)))
     buffers = strip_buffer(rows, kernel_radius(sigma), 3)
     # The most points a strip can have: the untouched part of these arrays never becomes real memory.
     places, values = np.empty((2, rows * STRIP), np.int32), np.empty((5, rows * STRIP), np.float32)
@@ -214,15 +219,18 @@ def line_points(
     return LinePoints(*all_places[:, order], *all_values[:, order])
 
 
-def _as_mask(mask: NDArray[Any] | None, shape: tuple[int, ...]) -> NDArray[np.uint8]:
+def _as_mask(mask: NDArray[Any] | None, image: Floats) -> NDArray[np.uint8]:
     if mask is None:
-        return np.ones(shape, np.uint8)
-    array = np.asarray(mask)
-    if array.shape != shape:
-        raise ValueError(f"mask has shape {array.shape}, block {shape}: they must be equal")
+        everywhere: NDArray[np.uint8] = namespace(image).ones(image.shape, np.uint8)
+        return everywhere
+    array = mask if on_device(mask) else np.asarray(mask)
+    xp = namespace(image, array)
+    if array.shape != image.shape:
+        raise ValueError(f"mask has shape {array.shape}, block {image.shape}: they must be equal")
     if array.dtype not in (np.bool_, np.uint8):
         array = array != 0
-    return np.ascontiguousarray(array).view(np.uint8)
+    accepted: NDArray[np.uint8] = xp.ascontiguousarray(array).view(np.uint8)
+    return accepted
 
 
 def halo(sigma: float) -> int:

@@ -3,45 +3,42 @@
 In a round regions merge with the neighbour they most likely belong to, around pairs that say so of each other, if the
 probability is high enough; then means are pooled and the graph is rebuilt.  Regions of a long slope are
 therefore compared by their own pooled heights and not link by link, which keeps chains from running downhill.
+
+A graph of a device is merged there, to the same regions; the host reads their number after each round.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe_kernels.compiled import loop
+from .arrays import namespace, on_device
+from .compiled import device_form, loop, rule
+from .contraction import (
+    Edges,
+    Float64,
+    Lengths,
+    RegionGraph,
+    Statistics,
+    contract,
+    first_members,
+    number_groups,
+    pooled,
+)
 
-Edges = NDArray[np.int32]
-Lengths = NDArray[np.int32]
-Float64 = NDArray[np.float64]
-
-_LENGTH = np.int64(0xFFFFFFFF)
-_FEW = 32
-"""Neighbours up to which insertion sorts them fastest."""
-
-
-@dataclass(frozen=True)
-class Statistics:
-    """Pixels of each region: their number, mean, and sum of squared deviations from it; float64, shape (n,)."""
-
-    count: Float64
-    mean: Float64
-    spread: Float64
+__all__ = ["RegionGraph", "Statistics", "contract", "first_members", "join_small", "merge_best", "pooled"]
 
 
-@dataclass(frozen=True)
-class RegionGraph:
-    """Regions and their borders.
+@rule
+def is_surer(probability: np.float32, length: np.int32, held: np.float32, held_length: np.int32) -> bool:
+    """Whether an edge comes before the one held so far: by probability, then by the longer border."""
+    return (probability, length) > (held, held_length)
 
-    ``edges`` is (m, 2) int32, first less than second, sorted; ``length`` the border of each in pixel sides, int32.
-    """
 
-    statistics: Statistics
-    edges: Edges
-    length: Lengths
+@rule
+def is_nearer(step: float, length: np.int32, held: float, held_length: np.int32) -> bool:
+    """Whether the other side of an edge is more like a region than that held so far; ties: the longer border."""
+    return (step, -length) < (held, -held_length)
 
 
 @loop
@@ -55,7 +52,7 @@ def _best_edges(
             continue
         for side in range(2):
             held = best[edges[edge, side]]
-            if held < 0 or (probability[edge], length[edge]) > (probability[held], length[held]):
+            if held < 0 or is_surer(probability[edge], length[edge], probability[held], length[held]):
                 best[edges[edge, side]] = edge
     return best
 
@@ -109,81 +106,13 @@ def merge_best(
         New number of every old region, int32, shape (n,).
     """
     regions = graph.statistics.count.size
+    if on_device(graph.edges, probability):
+        device = device_form(__name__)
+        return contract(graph, *device.numbered(device.best_groups(graph, probability, np.float32(least))))
     lowest = _roots(
         graph.edges, _best_edges(graph.edges, graph.length, probability, np.float32(least), regions)
     )  # fmt: skip
-    return contract(graph, *_numbered(lowest))
-
-
-@loop
-def _numbered(lowest: NDArray[np.int32]) -> tuple[NDArray[np.int32], int]:
-    """Number groups, which are named by their lowest member, in order."""
-    number = np.empty_like(lowest)
-    groups = 0
-    for region in range(lowest.size):
-        if lowest[region] == region:
-            number[region] = groups
-            groups += 1
-        else:
-            number[region] = number[lowest[region]]
-    return number, groups
-
-
-def contract(graph: RegionGraph, number: NDArray[np.int32], regions: int) -> tuple[RegionGraph, NDArray[np.int32]]:
-    """Unite regions that get the same number 0 … ``regions`` - 1; borders between united ones vanish."""
-    if regions == number.size:
-        return graph, number
-    edges, length = _united(graph.edges, graph.length, number, regions)
-    return RegionGraph(pooled(graph.statistics, number, regions), edges, length), number
-
-
-@loop
-def _united(edges: Edges, length: Lengths, number: NDArray[np.int32], regions: int) -> tuple[Edges, Lengths]:
-    """New edges, sorted, each once, with the sum of its borders: counting sort by lower end, then rows by the upper."""
-    starts = np.zeros(regions + 2, np.int32)
-    for edge in range(edges.shape[0]):
-        a, b = number[np.uint32(edges[edge, 0])], number[np.uint32(edges[edge, 1])]
-        starts[np.uint32(min(a, b) + 2)] += a != b
-    for region in range(1, starts.size):
-        starts[region] += starts[region - 1]
-    row = np.empty(starts[regions + 1], np.int64)  # upper end and length in one word
-    for edge in range(edges.shape[0]):
-        a, b = number[np.uint32(edges[edge, 0])], number[np.uint32(edges[edge, 1])]
-        if a != b:
-            low = np.uint32(min(a, b) + 1)
-            row[np.uint32(starts[low])] = (np.int64(max(a, b)) << 32) | np.int64(length[edge])
-            starts[low] += 1
-    found = 0
-    for region in range(regions):
-        first, last = starts[region], starts[region + 1]
-        _sort(row[first:last])
-        starts[region] = begin = found
-        for at in range(first, last):
-            if found > begin and row[found - 1] >> 32 == row[at] >> 32:
-                row[found - 1] += row[at] & _LENGTH
-            else:
-                row[found] = row[at]
-                found += 1
-    united, total = np.empty((found, 2), np.int32), np.empty(found, np.int32)
-    starts[regions] = found
-    for region in range(regions):
-        for at in range(starts[region], starts[region + 1]):
-            united[at, 0], united[at, 1] = region, row[at] >> 32
-            total[at] = row[at] & _LENGTH
-    return united, total
-
-
-@loop
-def _sort(row: NDArray[np.int64]) -> None:
-    if row.size > _FEW:
-        row.sort()
-        return
-    for at in range(1, row.size):
-        value, place = row[at], at
-        while place > 0 and row[place - 1] > value:
-            row[place] = row[place - 1]
-            place -= 1
-        row[place] = value
+    return contract(graph, *number_groups(lowest))
 
 
 @loop
@@ -203,7 +132,7 @@ def _most_similar(edges: Edges, length: Lengths, mean: Float64, small: NDArray[n
             if held >= 0:
                 before = abs(mean[edges[held, 0]] - mean[edges[held, 1]])
                 # edges come by ascending neighbour, so that the first of equals is that of the lowest
-                if (step, -length[edge]) >= (before, -length[held]):
+                if not is_nearer(step, length[edge], before, length[held]):
                     continue
             best[region] = edge
     root = np.arange(small.size).astype(np.int32)
@@ -229,32 +158,16 @@ def join_small(graph: RegionGraph, least: float) -> tuple[RegionGraph, NDArray[n
     Regions without neighbours stay.  Of equally similar neighbours the one with the longer border counts, then the
     one of the lower number.  Returns the graph and the new number of every old region.
     """
-    region = np.arange(graph.statistics.count.size, dtype=np.int32)
+    xp = namespace(graph.edges)
+    region: NDArray[np.int32] = xp.arange(graph.statistics.count.size, dtype=xp.int32)
     while True:
         s = graph.statistics
-        joined, number = contract(graph, *_numbered(_most_similar(graph.edges, graph.length, s.mean, s.count < least)))
+        small = s.count < least
+        if on_device(small):
+            device = device_form(__name__)
+            joined, number = contract(graph, *device.numbered(device.most_similar(graph, small)))
+        else:
+            joined, number = contract(graph, *number_groups(_most_similar(graph.edges, graph.length, s.mean, small)))
         if joined is graph:
             return graph, region
         graph, region = joined, number[region]
-
-
-def pooled(statistics: Statistics, number: NDArray[np.int32], regions: int) -> Statistics:
-    """Count, mean and spread of united regions (Chan, Golub & LeVeque 1983, eq. 2.1), summed in node order."""
-    return Statistics(*_pooled(statistics.count, statistics.mean, statistics.spread, number, regions))
-
-
-@loop
-def _pooled(
-    count: Float64, mean: Float64, spread: Float64, number: NDArray[np.int32], regions: int
-) -> tuple[Float64, Float64, Float64]:
-    pixels, means, spreads = np.zeros(regions), np.zeros(regions), np.zeros(regions)
-    for old in range(count.size):
-        new = np.uint32(number[old])
-        pixels[new] += count[old]
-        means[new] += count[old] * mean[old]
-    for region in range(regions):
-        means[region] /= max(pixels[region], 1.0)
-    for old in range(count.size):
-        new = np.uint32(number[old])
-        spreads[new] += spread[old] + count[old] * (mean[old] - means[new]) ** 2
-    return pixels, means, spreads

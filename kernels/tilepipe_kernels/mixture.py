@@ -3,6 +3,8 @@
 Fraley & Raftery 2007, "Bayesian regularization for normal mixture estimation and model-based clustering", J.
 Classification 24, 155-181: a class that the data do not show keeps the mean and the spread of its prior, so a fit to
 one class alone neither fails nor splits it.
+
+Items of a device are compared and summed there; the host reads the twelve sums of every step and finds the next mode.
 """
 
 from __future__ import annotations
@@ -14,11 +16,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .compiled import loop, rule
+from .arrays import namespace, on_device, to_host
+from .compiled import device_form, loop, rule
+from .sums import ordered_sum
 
 Floats = NDArray[np.float64]
+Normal = tuple[float, float, float, float, float]
+"""Mean of both features, variance of the first, covariance, variance of the second."""
+Moments = tuple[float, float, float, float, float, float]
+"""Weight, and its products with x, y, x², x y and y²."""
 
 CLASSES = 2
+MOMENTS = 6
 
 
 @dataclass(frozen=True)
@@ -69,46 +78,80 @@ class Mixture:
     covariance: Floats
 
     def evidence(self, features: NDArray[Any]) -> Floats:
-        """Logarithm of how many times more likely class 0 is than class 1, shares included, for features (n, 2)."""
-        found = np.empty(len(features))
-        _compare(np.ascontiguousarray(features, np.float64), self.share, self.mean, self.covariance, found)
+        """Logarithm of how many times more likely class 0 is than class 1, shares included, for features (n, 2).
+
+        Features of a device are compared there; logarithms differ in the last bits.
+        """
+        xp = namespace(features)
+        found: Floats = xp.empty(len(features))
+        self._compare(xp.ascontiguousarray(features, xp.float64), found)
         return found
+
+    def _compare(self, features: Floats, found: Floats) -> None:
+        offset = math.log(self.share[0]) - math.log(self.share[1])
+        one, other = (_normal(self.mean[k], self.covariance[k]) for k in range(CLASSES))
+        if on_device(features):
+            device = device_form(__name__)
+            device.compare(found.size, features, offset, one, other, found)
+        else:
+            _compare(features, offset, one, other, found)
+
+
+def _normal(mean: Floats, covariance: Floats) -> Normal:
+    return float(mean[0]), float(mean[1]), float(covariance[0]), float(covariance[1]), float(covariance[2])
 
 
 @rule
-def log_density(x: float, y: float, mean_x: float, mean_y: float, xx: float, xy: float, yy: float) -> float:
+def log_density(x: float, y: float, normal: Normal) -> float:
     """Logarithm of the normal density in the plane, without the constant."""
+    mean_x, mean_y, xx, xy, yy = normal
     determinant = xx * yy - xy * xy
     x, y = x - mean_x, y - mean_y
     return -0.5 * (math.log(determinant) + (yy * x * x - 2.0 * xy * x * y + xx * y * y) / determinant)
 
 
+@rule
+def log_ratio(x: float, y: float, offset: float, one: Normal, other: Normal) -> float:
+    """Evidence of an item for class 0; ``offset`` is that of the shares."""
+    return offset + log_density(x, y, one) - log_density(x, y, other)
+
+
+@rule
+def weights_of_classes(weight: float, evidence: float) -> tuple[float, float]:
+    """Share of an item's weight that each class gets by its probability."""
+    first = 1.0 / (1.0 + math.exp(-evidence))
+    return weight * first, weight * (1.0 - first)
+
+
+@rule
+def moments_of(w: float, x: float, y: float) -> Moments:
+    """What an item of weight w adds to the moments of a class."""
+    return w, w * x, w * y, w * x * x, w * x * y, w * y * y
+
+
 @loop
-def _compare(features: Floats, share: Floats, mean: Floats, covariance: Floats, found: Floats) -> None:
-    offset = math.log(share[0]) - math.log(share[1])
+def _compare(features: Floats, offset: float, one: Normal, other: Normal, found: Floats) -> None:
     for i in range(found.size):
-        x, y = features[i]
-        one = log_density(x, y, mean[0, 0], mean[0, 1], covariance[0, 0], covariance[0, 1], covariance[0, 2])
-        other = log_density(x, y, mean[1, 0], mean[1, 1], covariance[1, 0], covariance[1, 1], covariance[1, 2])
-        found[i] = offset + one - other
+        found[i] = log_ratio(features[i, 0], features[i, 1], offset, one, other)
 
 
 @loop
-def _sums(features: Floats, weight: Floats, evidence: Floats, sums: Floats) -> float:
-    """Weight, first and second moments of each class by its probabilities; returns the weight of class 0."""
-    sums[:] = 0.0
+def _add_moments(features: Floats, weight: Floats, evidence: Floats, sums: Floats) -> None:
     for i in range(weight.size):
         x, y = features[i]
-        first = 1.0 / (1.0 + math.exp(-evidence[i]))
-        for k in range(2):
-            w = weight[i] * (first if k == 0 else 1.0 - first)
-            sums[k, 0] += w
-            sums[k, 1] += w * x
-            sums[k, 2] += w * y
-            sums[k, 3] += w * x * x
-            sums[k, 4] += w * x * y
-            sums[k, 5] += w * y * y
-    return float(sums[0, 0])
+        for k, w in enumerate(weights_of_classes(weight[i], evidence[i])):
+            for q, moment in enumerate(moments_of(w, x, y)):
+                sums[k, q] += moment
+
+
+def _sums(features: Floats, weight: Floats, evidence: Floats) -> Floats:
+    """Weight, first and second moments of each class by its probabilities, (CLASSES, 6), on the host."""
+    if on_device(features):
+        device = device_form(__name__)
+        return to_host(device.moments(features, weight, evidence)).sum(axis=0).reshape(CLASSES, MOMENTS)
+    sums = np.zeros((CLASSES, MOMENTS))
+    _add_moments(features, weight, evidence, sums)
+    return sums
 
 
 def fit_mixture(
@@ -147,29 +190,30 @@ def fit_mixture(
     ValueError
         For arrays of other shapes, features that are not finite, or negative weights.
     """
-    features = np.ascontiguousarray(features, np.float64)
-    weight = np.ascontiguousarray(weight, np.float64)
+    xp = namespace(features, weight)
+    features = xp.ascontiguousarray(features, xp.float64)
+    weight = xp.ascontiguousarray(weight, xp.float64)
     if features.shape != (weight.size, 2) or weight.ndim != 1:
         raise ValueError(f"features must be (n, 2) and weight (n,), not {features.shape} and {weight.shape}")
-    if not (np.isfinite(features).all() and np.isfinite(weight).all() and (weight >= 0).all()):
+    if not (xp.isfinite(features).all() and xp.isfinite(weight).all() and (weight >= 0).all()):
         raise ValueError("features must be finite and weights finite and 0 or more: leave out what is not known")
     prior = np.array([known.row for known in priors])
     share, mean, covariance = (np.full(CLASSES, 0.5), prior[:, :2].copy(), prior[:, 2:5].copy())
-    if not weight.sum() > 0:
-        return Mixture(share, mean, covariance)
-    weight = weight / weight.sum()
-    evidence, sums = np.empty(weight.size), np.empty((CLASSES, 6))
+    mixture, total = Mixture(share, mean, covariance), ordered_sum(weight)
+    if not total > 0:
+        return mixture
+    weight, evidence = weight / total, xp.empty(weight.size)
     before = -1.0
     for _ in range(most_steps):
-        _compare(features, share, mean, covariance, evidence)
-        first = _sums(features, weight, evidence, sums)
+        mixture._compare(features, evidence)
+        sums = _sums(features, weight, evidence)
         share = (sums[:, 0] + 0.5 * share_weight) / (1 + share_weight)
-        for k in range(CLASSES):
-            mean[k], covariance[k] = _mode(sums[k], prior[k])
-        if abs(first - before) < tolerance:
+        modes = [_mode(sums[k], prior[k]) for k in range(CLASSES)]
+        mixture = Mixture(share, np.stack([mode[0] for mode in modes]), np.stack([mode[1] for mode in modes]))
+        if abs(sums[0, 0] - before) < tolerance:
             break
-        before = first
-    return Mixture(share, mean, covariance)
+        before = sums[0, 0]
+    return mixture
 
 
 def _mode(sums: Floats, prior: Floats) -> tuple[Floats, Floats]:

@@ -1,4 +1,7 @@
-"""Cleaning of street masks: opening and closing by exact discs, filling of specks; all of bounded reach."""
+"""Cleaning of street masks: opening and closing by exact discs, filling of specks; all of bounded reach.
+
+Arrays of a device stay there.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .compiled import loop
+from .arrays import image_filters, namespace, on_device
+from .compiled import device_form, loop
 from .distance import mask_bytes
 
 
@@ -74,6 +78,8 @@ def fill_specks(mask: NDArray[Any], size: int) -> NDArray[np.bool_]:
     """
     if size < 1:
         raise ValueError(f"size must be 1 pixel or more, not {size}")
+    if on_device(mask):
+        return device_form(__name__).fill_specks(mask_bytes(mask), size).view(np.bool_)
     filled = mask_bytes(mask).copy()
     if filled.size:
         _fill_specks(filled, size)
@@ -107,17 +113,17 @@ def open_grey(block: NDArray[Any], half_width: int) -> NDArray[np.float32]:
     ValueError
         When the block is not two-dimensional or `half_width` is negative.
     """
-    values = np.asarray(block, np.float32)
+    xp, filters = namespace(block), image_filters(block)
+    values = xp.asarray(block, xp.float32)
     if values.ndim != 2 or half_width < 0:
         raise ValueError(
             f"opening needs a two-dimensional block and half_width >= 0, not {values.ndim} and {half_width}"
         )
-    from scipy import ndimage  # a tenth of a second that most runs need not spend
-
-    size, missing = 2 * half_width + 1, np.isnan(values)
-    lowest = ndimage.minimum_filter(np.where(missing, np.float32(np.inf), values), size, mode="nearest")
-    opened = ndimage.maximum_filter(np.where(np.isinf(lowest), -lowest, lowest), size, mode="nearest")
-    return np.where(np.isinf(opened), np.float32(np.nan), opened)
+    size, missing = 2 * half_width + 1, xp.isnan(values)
+    lowest = filters.minimum_filter(xp.where(missing, xp.float32(np.inf), values), size, mode="nearest")
+    opened = filters.maximum_filter(xp.where(xp.isinf(lowest), -lowest, lowest), size, mode="nearest")
+    result: NDArray[np.float32] = xp.where(xp.isinf(opened), xp.float32(np.nan), opened)
+    return result
 
 
 def _reach(radius: float) -> int:
@@ -135,6 +141,8 @@ def _dilated(mask: NDArray[np.uint8], radius: float) -> NDArray[np.bool_]:
     # the disc as its rows: half their widths, for the row of the centre and those below it
     below = np.arange(math.floor(radius) + 1)
     half_widths = np.floor(np.sqrt(radius * radius - below**2)).astype(np.int64)
+    if on_device(mask):
+        return device_form(__name__).dilate(mask, half_widths).view(np.bool_)
     dilated = np.zeros(mask.shape, np.uint8)
     _dilate(mask, half_widths, dilated)
     return dilated.view(np.bool_)

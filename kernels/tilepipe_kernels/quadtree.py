@@ -16,7 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .compiled import loop, rule
+from .arrays import namespace, on_device
+from .compiled import device_form, loop, rule
 
 MISSING = np.int32(-(2**31))
 """The tick that stands for nodata."""
@@ -93,7 +94,9 @@ def _extremes(ticks: Ticks) -> tuple[np.int32, np.int32]:
 
 
 @rule
-def _add(tick: np.int32, count: np.int64, total: np.int64, squares: np.int64) -> tuple[np.int64, np.int64, np.int64]:
+def add_tick(
+    tick: np.int32, count: np.int64, total: np.int64, squares: np.int64
+) -> tuple[np.int64, np.int64, np.int64]:
     """Add a tick to sums, unless it is nodata."""
     valid = tick != MISSING
     value = np.int64(tick if valid else np.int32(0))
@@ -105,7 +108,7 @@ def _sum_pixels(row: Ticks, into: Sums) -> None:
     """Sums of single pixels."""
     nothing = np.int64(0)
     for c in range(row.size):
-        into[0, c], into[1, c], into[2, c] = _add(row[c], nothing, nothing, nothing)
+        into[0, c], into[1, c], into[2, c] = add_tick(row[c], nothing, nothing, nothing)
 
 
 @loop
@@ -113,10 +116,10 @@ def _sum_quads(upper: Ticks, lower: Ticks, into: Sums) -> None:
     """Sums of squares of 2 x 2 pixels."""
     for c in range(upper.size // 2):
         count = total = squares = np.int64(0)
-        count, total, squares = _add(upper[2 * c], count, total, squares)
-        count, total, squares = _add(upper[2 * c + 1], count, total, squares)
-        count, total, squares = _add(lower[2 * c], count, total, squares)
-        count, total, squares = _add(lower[2 * c + 1], count, total, squares)
+        count, total, squares = add_tick(upper[2 * c], count, total, squares)
+        count, total, squares = add_tick(upper[2 * c + 1], count, total, squares)
+        count, total, squares = add_tick(lower[2 * c], count, total, squares)
+        count, total, squares = add_tick(lower[2 * c + 1], count, total, squares)
         into[0, c], into[1, c], into[2, c] = count, total, squares
 
 
@@ -280,6 +283,32 @@ def _empty_table(size: int) -> Table:
     return np.empty(size, np.int64), np.empty(size, np.uint8), np.empty(size, np.int32), totals[0], totals[1]
 
 
+def _magnitude(ticks: Ticks) -> int:
+    """Largest magnitude of a block's ticks."""
+    if on_device(ticks):
+        return device_form(__name__).magnitude(ticks)
+    lowest, highest = _extremes(ticks)
+    return max(-int(lowest), int(highest))
+
+
+def _split_bands(ticks: Ticks, whole: int, part: int, smallest: int, largest: int) -> tuple[Labels, LeafTable]:
+    """Labels and leaves of a block on the host."""
+    rows, columns = (-(-length // smallest) for length in ticks.shape)
+    band = min(rows, largest // smallest) * columns
+    leaves = (np.empty(band, np.int32), np.empty(band, np.int32), *_empty_table(band)[1:])
+    # Pages that no leaf needs are never touched, so the worst case costs address space only.
+    table = _empty_table(rows * columns)
+    labels = np.zeros(ticks.shape, np.int32)
+    levels = (smallest.bit_length() - 1, largest.bit_length() - 1)
+    cells = _heap_cells(largest // min(smallest, 2))
+    number = _split(ticks, levels, whole, part, cells, labels, leaves, table)
+    first, level, count, total, squares = table
+    return labels, LeafTable(
+        first[:number].copy(), level[:number].copy(), count[:number].copy(), total[:number].copy(),
+        squares[:number].copy(),
+    )  # fmt: skip
+
+
 def halo() -> int:
     """Pixels around a block that its leaves depend on: none, where the block starts on a largest square."""
     return 0
@@ -311,7 +340,7 @@ def split(
     labels : ndarray of int32
         Shape (rows, columns); leaves 1..n in row-major order of their first valid pixel, 0 = nodata.
     leaves : LeafTable
-        One element per leaf.
+        One element per leaf.  Arrays of a device stay there.
 
     Raises
     ------
@@ -332,10 +361,8 @@ def split(
         raise ValueError(f"the block must start on a largest leaf: origin {origin} is no multiple of {largest}")
     if not threshold >= 0:
         raise ValueError(f"threshold must be a variance of 0 or more squared ticks, not {threshold}")
-    ticks = np.ascontiguousarray(ticks)
-    reach = REACH // largest
-    lowest, highest = _extremes(ticks)
-    extreme = max(-int(lowest), int(highest))
+    ticks = namespace(ticks).ascontiguousarray(ticks)
+    extreme, reach = _magnitude(ticks), REACH // largest
     if extreme > reach:
         raise ValueError(
             f"ticks reach {extreme}, but leaves of {largest} pixels allow {reach}: subtract a reference"
@@ -343,17 +370,6 @@ def split(
         )
     # No variance exceeds the square of the largest magnitude.
     whole, part = divmod(round(min(float(threshold), float(reach) ** 2) * THRESHOLD_UNITS), THRESHOLD_UNITS)
-    rows, columns = (-(-length // smallest) for length in ticks.shape)
-    band = min(rows, largest // smallest) * columns
-    leaves = (np.empty(band, np.int32), np.empty(band, np.int32), *_empty_table(band)[1:])
-    # Pages that no leaf needs are never touched, so the worst case costs address space only.
-    table = _empty_table(rows * columns)
-    labels = np.zeros(ticks.shape, np.int32)
-    levels = (smallest.bit_length() - 1, largest.bit_length() - 1)
-    cells = _heap_cells(largest // min(smallest, 2))
-    number = _split(ticks, levels, whole, part, cells, labels, leaves, table)
-    first, level, count, total, squares = table
-    return labels, LeafTable(
-        first[:number].copy(), level[:number].copy(), count[:number].copy(), total[:number].copy(),
-        squares[:number].copy(),
-    )  # fmt: skip
+    if on_device(ticks):
+        return device_form(__name__).split(ticks, whole, part, smallest, largest)
+    return _split_bands(ticks, whole, part, smallest, largest)

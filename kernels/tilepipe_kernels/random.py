@@ -3,7 +3,8 @@
 Philox4x32-10 of Salmon et al. (2011), "Parallel random numbers: as easy as 1, 2, 3", enciphers a counter of 128
 bits under a key of 64.  Here the key is the seed, and the counter is the site (64 bits), the sweep (32) and the
 stream (32): what tells apart the draws of one site in one sweep.  Words of 32 bits are held in uint64, where their
-products fit and where lanes line up with those of float64, so that loops over the rules vectorise.
+products fit and where lanes line up with those of float64, so that loops over the rules vectorise.  All draws but those
+of gamma shapes below 1 take only arithmetic and roots: they are the same bits on a device.
 """
 
 from __future__ import annotations
@@ -15,7 +16,8 @@ import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .compiled import Function, loop, rule
+from .arrays import namespace, on_device
+from .compiled import Function, device_form, loop, rule
 
 Words = tuple[np.uint64, np.uint64, np.uint64, np.uint64]
 
@@ -205,7 +207,8 @@ def _checked(
 ) -> tuple[NDArray[np.int64], np.uint64, np.uint64, np.uint64]:
     if not (0 <= sweep < 2**32 and 0 <= stream < 2**31):
         raise ValueError(f"sweep must be from 0 to 2**32 - 1 and stream from 0 to 2**31 - 1, not {sweep}, {stream}")
-    array = np.ascontiguousarray(sites, dtype=np.int64)
+    xp = namespace(sites)
+    array: NDArray[np.int64] = xp.ascontiguousarray(sites, dtype=xp.int64)
     return array, as_seed(seed), np.uint64(sweep), np.uint64(stream)
 
 
@@ -215,7 +218,7 @@ def normals(sites: ArrayLike, seed: int, sweep: int = 0, stream: int = 0) -> NDA
     Parameters
     ----------
     sites
-        Global ids, any shape, cast to int64.
+        Global ids, any shape, cast to int64; on a device the draws are made there.
     seed, sweep, stream
         What else the draw is a function of: below 2⁶⁴, 2³² and 2³¹.
 
@@ -230,14 +233,22 @@ def normals(sites: ArrayLike, seed: int, sweep: int = 0, stream: int = 0) -> NDA
         For a seed, sweep or stream out of its range.
     """
     array, key, at, by = _checked(sites, seed, sweep, stream)
-    result = np.empty(array.shape)
-    fill_normals(array.reshape(-1), key, at, by, result.reshape(-1))
+    result: NDArray[np.float64] = namespace(array).empty(array.shape)
+    if on_device(array):
+        device = device_form(__name__)
+        device.fill_normals(array.size, array.reshape(-1), key, at, by, result.reshape(-1))
+    else:
+        fill_normals(array.reshape(-1), key, at, by, result.reshape(-1))
     return result
 
 
 def uniforms(sites: ArrayLike, seed: int, sweep: int = 0, stream: int = 0) -> NDArray[np.float64]:
     """Uniform draw in (0, 1) of each site; arguments and errors as `normals`."""
     array, key, at, by = _checked(sites, seed, sweep, stream)
-    result = np.empty(array.shape)
-    _fill_uniforms(array.reshape(-1), key, at, by, result.reshape(-1))
+    result: NDArray[np.float64] = namespace(array).empty(array.shape)
+    if on_device(array):
+        device = device_form(__name__)
+        device.fill_uniforms(array.size, array.reshape(-1), key, at, by, result.reshape(-1))
+    else:
+        _fill_uniforms(array.reshape(-1), key, at, by, result.reshape(-1))
     return result

@@ -1,4 +1,7 @@
-"""Measures of regions that add up over blocks, and selection by a lookup table (`streets`, step 3)."""
+"""Measures of regions that add up over blocks, and selection by a lookup table (`streets`, step 3).
+
+Arrays of a device stay there.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .compiled import loop
+from .arrays import as_array, namespace, on_device
+from .compiled import device_form, loop, rule
+from .rounding import nearest_integer
 
 Floats = NDArray[np.float32]
 Labels = NDArray[np.int32]
@@ -57,11 +62,17 @@ def _different_sides(row: Labels, start: int, stop: int, other: Labels) -> int:
     return different
 
 
+@rule
+def grey_units(value: np.float32, units: np.float32) -> int:
+    """A grey value in whole units."""
+    return nearest_integer(np.float64(value * units))
+
+
 @loop
 def _grey(values: Floats, start: int, stop: int, units: np.float32) -> int:
     total = 0
     for j in range(start, stop):
-        total += int(np.rint(values[j] * units))
+        total += grey_units(values[j], units)
     return total
 
 
@@ -131,15 +142,18 @@ def region_table(
     ValueError
         For labels outside 0..count, or shapes that differ.
     """
-    labels = np.ascontiguousarray(labels, dtype=np.int32)
-    values = np.ascontiguousarray(values, dtype=np.float32)
-    if labels.ndim != 2 or labels.shape != values.shape:
-        raise ValueError(f"labels and values must have one shape (rows, columns): {labels.shape}, {values.shape}")
+    labels, grey = as_array(labels), as_array(values)
+    device, xp = on_device(labels, grey), namespace(labels)
+    labels, grey = xp.ascontiguousarray(labels, dtype=xp.int32), xp.ascontiguousarray(grey, dtype=xp.float32)
+    if labels.ndim != 2 or labels.shape != grey.shape:
+        raise ValueError(f"labels and values must have one shape (rows, columns): {labels.shape}, {grey.shape}")
     if labels.size and not (labels.min() >= 0 and labels.max() <= count):
         raise ValueError(f"labels must lie in 0..{count}")
+    if device:
+        return RegionTable(*device_form(__name__).measure(labels, grey, count, borders, np.float32(GREY_UNITS)))
     table = RegionTable(*(np.zeros(count, np.int64) for _ in range(9)))
     _measure(
-        labels, values, borders, np.float32(GREY_UNITS), table.count, table.first, table.horizontal_cracks,
+        labels, grey, borders, np.float32(GREY_UNITS), table.count, table.first, table.horizontal_cracks,
         table.vertical_cracks, table.grey_sum, table.top, table.left, table.bottom, table.right,
     )  # fmt: skip
     return table
@@ -173,6 +187,12 @@ def contour_length(
 # ------------------------------------------------------------------------------------------------- contacts
 
 
+@rule
+def contact_key(a: int, b: int, side: int) -> np.int64:
+    """Two labels in order and the kind of their contact: 0 horizontal, 1 vertical."""
+    return (np.int64(min(a, b)) << 32) | (np.int64(max(a, b)) << 1) | side
+
+
 @loop
 def _contact_keys(labels: Labels, flagged: NDArray[np.bool_], keys: Counts) -> int:
     """Number of rectangle sides between two different flagged labels; their keys go to `keys` while it has room."""
@@ -189,7 +209,7 @@ def _contact_keys(labels: Labels, flagged: NDArray[np.bool_], keys: Counts) -> i
                 b = labels[i + 1, j] if side == 0 else labels[i, j + 1]
                 if b != a and b != 0 and flagged[b]:
                     if found < keys.size:
-                        keys[found] = (np.int64(min(a, b)) << 32) | (np.int64(max(a, b)) << 1) | side
+                        keys[found] = contact_key(a, b, side)
                     found += 1
     return found
 
@@ -206,22 +226,27 @@ def region_contacts(labels: NDArray[np.int32], flagged: NDArray[np.bool_]) -> ND
     labels
         Labels 0..n, shape (rows, columns).
     flagged
-        bool, shape (n + 1,): labels that reach a seam; entry 0 is ignored.
+        bool, shape (n + 1,): labels that reach a seam; entry 0 is False.
 
     Returns
     -------
     ndarray of int64, shape (m, 4)
         Lower label, higher label, number of horizontal and of vertical rectangle sides between them; sorted.
     """
-    labels = np.ascontiguousarray(labels, np.int32)
-    keys = np.empty(4096, np.int64)
-    found = _contact_keys(labels, flagged, keys)
-    if found > keys.size:
-        keys = np.empty(found, np.int64)
-        _contact_keys(labels, flagged, keys)
-    unique, count = np.unique(keys[:found], return_counts=True)
-    pairs, index = np.unique(unique >> 1, return_inverse=True)
-    result = np.zeros((pairs.size, 4), np.int64)
+    xp = namespace(labels, flagged)
+    labels = xp.ascontiguousarray(labels, dtype=xp.int32)
+    if on_device(labels):
+        keys = device_form(__name__).contact_keys(labels, flagged)
+    else:
+        keys = np.empty(4096, np.int64)
+        found = _contact_keys(labels, flagged, keys)
+        if found > keys.size:
+            keys = np.empty(found, np.int64)
+            _contact_keys(labels, flagged, keys)
+        keys = keys[:found]
+    unique, count = xp.unique(keys, return_counts=True)
+    pairs, index = xp.unique(unique >> 1, return_inverse=True)
+    result: NDArray[np.int64] = xp.zeros((pairs.size, 4), xp.int64)
     result[:, 0], result[:, 1] = pairs >> 31, pairs & 0x7FFFFFFF
     result[index, 2 + (unique & 1)] = count
     return result
@@ -267,6 +292,10 @@ def select_labels(labels: NDArray[np.int32], lookup: NDArray[Any]) -> NDArray[An
     """
     if labels.ndim != 2 or lookup.ndim != 1:
         raise ValueError("labels must be two-dimensional and the lookup table one-dimensional")
+    if on_device(labels, lookup):
+        if labels.size and not (labels.min() >= 0 and labels.max() < lookup.size):
+            raise ValueError(f"the lookup table has {lookup.size} entries, but some labels have no entry: extend it")
+        return lookup[labels]
     result = np.empty(labels.shape, lookup.dtype)
     if labels.size and not _select(result, np.ascontiguousarray(labels), np.ascontiguousarray(lookup)):
         raise ValueError(f"the lookup table has {lookup.size} entries, but some labels have no entry: extend it")

@@ -11,7 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .compiled import loop
+from .arrays import namespace, on_device
+from .compiled import device_form, loop, rule
+from .rounding import nearest_integer
 
 LEAST, MOST = 0.02, 8.0
 """Metres that a measure counts as where it is less or more: the noise of a scan, and a storey or two."""
@@ -25,15 +27,25 @@ Labels = NDArray[np.int32]
 Floats = NDArray[np.float32]
 
 
+@rule
+def measured_bits(bits: np.int32) -> tuple[np.int64, np.int64]:
+    """Bits of a limited measure, and 1; 0 and 0 for bits that are none.
+
+    The bits of a positive float, read as a whole number, are its logarithm but for a curve of less than 0.09.
+    """
+    known = np.int64(bits >= 0) & np.int64(bits < _INFINITE_BITS)
+    limited: Any = min(max(bits, _LEAST_BITS), _MOST_BITS)
+    return known * limited, known
+
+
 @loop
 def _sum_bits(labels: Labels, bits: NDArray[np.int32], total: NDArray[np.int64], known: NDArray[np.int64]) -> None:
-    """The bits of a positive float, read as a whole number, are its logarithm but for a curve of less than 0.09."""
     for i in range(labels.shape[0]):
         row, values = labels[i], bits[i]
         for j in range(row.size):
-            here = np.int64(values[j] >= 0) & np.int64(values[j] < _INFINITE_BITS)
-            total[row[j]] += here * min(max(values[j], _LEAST_BITS), _MOST_BITS)
-            known[row[j]] += here
+            value, one = measured_bits(values[j])
+            total[row[j]] += value
+            known[row[j]] += one
 
 
 def mean_logarithms(labels: Labels, values: Floats, count: int) -> Floats:
@@ -54,7 +66,8 @@ def mean_logarithms(labels: Labels, values: Floats, count: int) -> Floats:
     Returns
     -------
     ndarray of float32, shape (count,)
-        Of the measure limited to `LEAST` … `MOST`; NaN where no pixel of a region knows it.
+        Of the measure limited to `LEAST` … `MOST`; NaN where no pixel of a region knows it.  Arrays of a device
+        stay there.
 
     Raises
     ------
@@ -62,12 +75,22 @@ def mean_logarithms(labels: Labels, values: Floats, count: int) -> Floats:
         For shapes that differ or labels out of range.
     """
     labels, values = _checked(labels, values, count)
-    total, known = np.zeros((2, count + 1), np.int64)
     # + 0 turns a negative zero, whose bits are negative, into a positive one
-    _sum_bits(labels, (values + np.float32(0)).view(np.int32), total, known)
-    mean = np.full(count, np.nan)
-    np.divide(total[1:], known[1:], out=mean, where=known[1:] > 0)
+    bits = (values + np.float32(0)).view(np.int32)
+    if on_device(labels, bits):
+        total, known = device_form(__name__).sum_bits(labels, bits, count)
+    else:
+        total, known = np.zeros((2, count + 1), np.int64)
+        _sum_bits(labels, bits, total, known)
+    xp = namespace(total)
+    mean = xp.where(known > 0, total / xp.maximum(known, 1), np.nan)[1:]
     return ((mean / _FRACTION - _BIAS) * math.log(2)).astype(np.float32)
+
+
+@rule
+def ticks_above(height: np.int32, ground: np.float32, scale: float) -> np.int64:
+    """Ticks from the ground, in metres, up to a height in ticks."""
+    return np.int64(height) - nearest_integer(np.float64(ground) * scale)
 
 
 @loop
@@ -78,7 +101,7 @@ def _sum_above(
         row, heights, earth = labels[i], ticks[i], ground[i]
         for j in range(row.size):
             if row[j] > 0:
-                total[row[j]] += heights[j] - np.int64(np.rint(np.float64(earth[j]) * scale))
+                total[row[j]] += ticks_above(heights[j], earth[j], scale)
 
 
 def mean_above(
@@ -102,7 +125,7 @@ def mean_above(
     Returns
     -------
     ndarray of float32, shape (n,)
-        In metres.
+        In metres.  Arrays of a device stay there.
 
     Raises
     ------
@@ -112,15 +135,22 @@ def mean_above(
     labels, ground = _checked(labels, ground, pixels.size)
     if ticks.shape != labels.shape:
         raise ValueError(f"labels and ticks must have one shape (rows, columns), not {labels.shape}, {ticks.shape}")
-    total = np.zeros(pixels.size + 1, np.int64)
-    _sum_above(labels, np.ascontiguousarray(ticks, np.int32), ground, float(ticks_per_metre), total)
+    ticks = namespace(ticks).ascontiguousarray(ticks, dtype=np.int32)
+    if on_device(labels, ticks, ground):
+        total = device_form(__name__).sum_above(labels, ticks, ground, float(ticks_per_metre), pixels.size)
+    else:
+        total = np.zeros(pixels.size + 1, np.int64)
+        _sum_above(labels, ticks, ground, float(ticks_per_metre), total)
     return (total[1:] / (pixels * float(ticks_per_metre))).astype(np.float32)
 
 
 def _checked(labels: Labels, values: Floats, count: int) -> tuple[Labels, Floats]:
-    labels, values = np.ascontiguousarray(labels, np.int32), np.ascontiguousarray(values, np.float32)
+    xp = namespace(labels, values)
+    labels = xp.ascontiguousarray(labels, dtype=np.int32)
+    values = xp.ascontiguousarray(values, dtype=np.float32)
     if labels.ndim != 2 or values.shape != labels.shape:
         raise ValueError(f"labels and values must have one shape (rows, columns), not {labels.shape}, {values.shape}")
     if labels.size and not (labels.min() >= 0 and labels.max() <= count):
+        # on a device these are the scalars read before the work: labels are indices in what follows
         raise ValueError(f"labels must lie in 0..{count}")
     return labels, values

@@ -21,7 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import distance
-from .compiled import loop, rule
+from .arrays import namespace, on_device
+from .compiled import device_form, loop, rule
 
 # neighbour k of a pixel, clockwise from north-west: bit k of every neighbour mask of this module
 NEIGHBOURS: tuple[tuple[int, int], ...] = (
@@ -31,7 +32,7 @@ SUBFIELDS = 4
 CLEANING_SWEEPS = 4
 
 # of a pixel's state the lowest bit says whether it is there
-_BACKGROUND, _ANCHOR = np.uint8(0), np.uint8(3)
+BACKGROUND, ANCHOR = np.uint8(0), np.uint8(3)
 # positions in a block are int32
 _LARGEST_BLOCK = 1 << 30
 _WIDTH_BIAS = np.float32(0.2)
@@ -110,16 +111,20 @@ def medial_axis_and_distance(
     if foreground.size > _LARGEST_BLOCK:
         raise ValueError(f"mask of {foreground.size} pixels is too large for one block; cut it into tiles")
     squared, row_offset, column_offset = distance.nearest_background(foreground, cap)
-    state = np.pad(foreground, 1)
+    state = namespace(foreground).pad(foreground, 1)
     distances = np.sqrt(np.arange(cap * cap + 2))
     # one pixel more, because the offsets of neighbours are taken from two centres
     chord = 2 * math.sin(math.radians(angle) / 2) * distances + 1
     apart_squared = np.maximum(chord, separation) ** 2
     apart_squared[0] = separation**2
-    _mark_anchors(squared, row_offset, column_offset, apart_squared, state)
     layer_of = np.ceil(distances).astype(np.int32)
-    starts, pixels = _layers(state, squared, layer_of, int(origin[0]) & 1, int(origin[1]) & 1)
-    _thin(state.reshape(-1), state.shape[1], starts, pixels, IS_SIMPLE, IS_REMOVABLE)
+    parity = int(origin[0]) & 1, int(origin[1]) & 1
+    if on_device(state):
+        device_form(__name__).thin(state, squared, (row_offset, column_offset), apart_squared, layer_of, parity)
+    else:
+        _mark_anchors(squared, row_offset, column_offset, apart_squared, state)
+        starts, pixels = _layers(state, squared, layer_of, *parity)
+        _thin(state.reshape(-1), state.shape[1], starts, pixels, IS_SIMPLE, IS_REMOVABLE)
     return (state[1:-1, 1:-1] != 0) & (squared <= cap * cap), squared
 
 
@@ -140,8 +145,12 @@ def skeleton_links(skeleton: NDArray[Any]) -> NDArray[np.uint8]:
     ndarray of uint8, shape (rows, columns)
         Bit k is set for a link to ``NEIGHBOURS[k]``; 0 on the background and on lone pixels.
     """
-    state = np.pad(distance.mask_bytes(skeleton), 1)
-    links = np.zeros((state.shape[0] - 2, state.shape[1] - 2), np.uint8)
+    xp = namespace(skeleton)
+    state = xp.pad(distance.mask_bytes(skeleton), 1)
+    links: NDArray[np.uint8] = xp.zeros((state.shape[0] - 2, state.shape[1] - 2), xp.uint8)
+    if on_device(links):
+        device_form(__name__).link(state, links)
+        return links
     _link(state.reshape(-1), state.shape[1], LINKS, links)
     return links
 
@@ -155,7 +164,9 @@ def width_at(squared: NDArray[Any]) -> NDArray[np.float32]:
     even ones, because the distance runs to the centre of a background pixel and the axis lies on pixel
     centres.
     """
-    return 2 * np.sqrt(np.asarray(squared, np.float32)) - _WIDTH_BIAS
+    xp = namespace(squared)
+    width: NDArray[np.float32] = 2 * xp.sqrt(xp.asarray(squared, xp.float32)) - _WIDTH_BIAS
+    return width
 
 
 def _neighbour_table(property_of: Any) -> NDArray[Any]:
@@ -183,24 +194,43 @@ LINKS = _neighbour_table(_link_bits)
 
 
 @rule
-def _neighbour_code(state: NDArray[np.uint8], p: int, stride: int) -> int:
-    """Bits of the neighbours present around flat position p, in the order of `NEIGHBOURS`."""
-    north, south = p - stride, p + stride
-    code: int = (
-        (state[north - 1] & 1)
-        | (state[north] & 1) << 1
-        | (state[north + 1] & 1) << 2
-        | (state[p + 1] & 1) << 3
-        | (state[south + 1] & 1) << 4
-        | (state[south] & 1) << 5
-        | (state[south - 1] & 1) << 6
-        | (state[p - 1] & 1) << 7
+def neighbour_code(
+    northwest: np.uint8, north: np.uint8, northeast: np.uint8, east: np.uint8, southeast: np.uint8, south: np.uint8,
+    southwest: np.uint8, west: np.uint8,
+) -> int:  # fmt: skip
+    """Bits of the neighbours present, given their states in the order of `NEIGHBOURS`."""
+    code = (
+        (northwest & 1)
+        | (north & 1) << 1
+        | (northeast & 1) << 2
+        | (east & 1) << 3
+        | (southeast & 1) << 4
+        | (south & 1) << 5
+        | (southwest & 1) << 6
+        | (west & 1) << 7
     )
+    return code  # type: ignore[return-value]
+
+
+@loop
+def _neighbour_code(state: NDArray[np.uint8], p: int, stride: int) -> int:
+    """`neighbour_code` of a flat position p."""
+    north, south = p - stride, p + stride
+    code: int = neighbour_code(
+        state[north - 1], state[north], state[north + 1], state[p + 1], state[south + 1], state[south],
+        state[south - 1], state[p - 1],
+    )  # fmt: skip
     return code
 
 
 @rule
-def _axis_side(
+def subfield(row: int, column: int) -> int:
+    """Which of the four subfields a pixel is in, by the parity of its global row and column."""
+    return (row & 1) * 2 + (column & 1)
+
+
+@rule
+def axis_side(
     p_row: int, p_column: int, q_row: int, q_column: int, down: int, right: int, apart_squared: float
 ) -> int:
     """Which of p and q = p + (down, right) is on the integer medial axis: 1 for p, 2 for q, 0 for neither.
@@ -243,20 +273,20 @@ def _mark_anchors(
                 q_row = int(row_offset[i + down, j + right])
                 q_column = int(column_offset[i + down, j + right])
                 apart = apart_squared[min(here, there)]
-                side = _axis_side(p_row, p_column, q_row, q_column, down, right, apart)
+                side = axis_side(p_row, p_column, q_row, q_column, down, right, apart)
                 if side == 1 and here > 0:
-                    state[i + 1, j + 1] = _ANCHOR
+                    state[i + 1, j + 1] = ANCHOR
                 elif side == 2 and there > 0:
-                    state[i + 1 + down, j + 1 + right] = _ANCHOR
+                    state[i + 1 + down, j + 1 + right] = ANCHOR
 
 
-@rule
+@loop
 def _bucket(state: int, squared: int, row: int, column: int, layer_of: NDArray[np.int32]) -> int:
     """Bucket of a pixel by layer and subfield, layer 0 for anchors; -1 on background and beyond the cap."""
-    if state == _BACKGROUND or squared == layer_of.size - 1:
+    if state == BACKGROUND or squared == layer_of.size - 1:
         return -1
-    layer = 0 if state == _ANCHOR else layer_of[squared]
-    return layer * SUBFIELDS + (row & 1) * 2 + (column & 1)
+    layer = 0 if state == ANCHOR else layer_of[squared]
+    return layer * SUBFIELDS + subfield(row, column)
 
 
 @loop
@@ -299,7 +329,7 @@ def _peel(
     """Delete the pixels of one subfield that may go, append the others to `kept`, return its new length."""
     for p in pixels:
         if deletable[_neighbour_code(state, p, stride)]:
-            state[p] = _BACKGROUND
+            state[p] = BACKGROUND
         else:
             kept[kept_count] = p
             kept_count += 1

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .compiled import loop, rule
+from .arrays import namespace, on_device
+from .compiled import device_form, loop, rule
 from .ground import window_lowest
 
 MISSING = -(2**31)
@@ -26,7 +27,8 @@ LARGEST_TICK = 2**24
 _FEWEST = 6
 _TICKS_PER_METRE = 1000.0
 _UNKNOWN_BEND = 2**31 - 1
-_NOWHERE = np.float32(np.inf)
+NOWHERE = np.float32(np.inf)
+"""Stands for the deviation of a window that has no plane."""
 
 Floats = NDArray[np.float32]
 Ticks = NDArray[np.int32]
@@ -89,6 +91,15 @@ def plane_deviation(n: int, x: int, y: int, z: int, xx: int, xy: int, yy: int, x
     return math.sqrt(max(squares, 0.0) / (n - 3))
 
 
+@rule
+def plane_deviation_metres(
+    n: int, x: int, y: int, z: int, xx: int, xy: int, yy: int, xz: int, yz: int, zz: int
+) -> np.float32:
+    """`plane_deviation` in metres, `NOWHERE` where it is not known."""
+    deviation = np.float32(plane_deviation(n, x, y, z, xx, xy, yy, xz, yz, zz) / _TICKS_PER_METRE)
+    return deviation if deviation < NOWHERE else NOWHERE
+
+
 @loop
 def _add_row(sums: Counts, row: Ticks, down: int, sign: int) -> None:
     """Add (or take) a row `down` rows below the centre to the sums n, y, z, yy, yz, zz of each column."""
@@ -134,7 +145,7 @@ def _fit_row(deviation: Floats, row: Ticks, sums: Counts, half_width: int) -> No
         y, xy, yy = y + sums[1, k], xy + r * sums[1, k], yy + sums[3, k]
         z, xz, yz, zz = z + sums[2, k], xz + r * sums[2, k], yz + sums[4, k], zz + sums[5, k]
         if j >= 0 and row[j] != MISSING:
-            deviation[j] = plane_deviation(n, x, y, z, xx, xy, yy, xz, yz, zz) / _TICKS_PER_METRE
+            deviation[j] = plane_deviation_metres(n, x, y, z, xx, xy, yy, xz, yz, zz)
 
 
 @loop
@@ -156,10 +167,23 @@ def _fit(deviation: Floats, ticks: Ticks, half_width: int) -> None:
 
 
 @rule
-def second_difference(before: int, here: int, behind: int) -> int:
+def second_difference(before: np.int32, here: np.int32, behind: np.int32) -> int:
     """Size of the second difference of three ticks; more than any real one where a neighbour is missing."""
     size = abs(np.int64(before) + np.int64(behind) - 2 * np.int64(here))
     return int(size if (before != MISSING) & (behind != MISSING) else np.int64(_UNKNOWN_BEND))
+
+
+@rule
+def least_bend(
+    here: np.int32, west: np.int32, east: np.int32, north: np.int32, south: np.int32,
+    northwest: np.int32, southeast: np.int32, northeast: np.int32, southwest: np.int32,
+) -> np.float32:  # fmt: skip
+    """Least second difference in metres over row, column and diagonals; NaN where none is known."""
+    straight = min(second_difference(west, here, east), second_difference(north, here, south))
+    diagonal = min(second_difference(northwest, here, southeast), second_difference(northeast, here, southwest))
+    least = min(straight, diagonal)
+    known = (here != MISSING) & (least != _UNKNOWN_BEND)
+    return np.float32(least) / np.float32(_TICKS_PER_METRE) if known else np.float32(np.nan)
 
 
 @loop
@@ -168,14 +192,9 @@ def _bend_row(
     northwest: Ticks, southeast: Ticks, northeast: Ticks, southwest: Ticks,
 ) -> None:  # fmt: skip
     for j in range(bend.size):
-        tick = here[j]
-        straight = min(second_difference(west[j], tick, east[j]), second_difference(north[j], tick, south[j]))
-        diagonal = min(
-            second_difference(northwest[j], tick, southeast[j]), second_difference(northeast[j], tick, southwest[j])
+        bend[j] = least_bend(
+            here[j], west[j], east[j], north[j], south[j], northwest[j], southeast[j], northeast[j], southwest[j]
         )
-        least = min(straight, diagonal)
-        known = (tick != MISSING) & (least != _UNKNOWN_BEND)
-        bend[j] = np.float32(least) / np.float32(_TICKS_PER_METRE) if known else np.float32(np.nan)
 
 
 @loop
@@ -204,22 +223,32 @@ def surface_shape(ticks: NDArray[np.int32], *, half_width: int = 2) -> SurfaceSh
     half_width
         The window has 2 half_width + 1 pixels a side; 1 to 6.
 
+    Returns
+    -------
+    SurfaceShape
+        Arrays of a device stay there.
+
     Raises
     ------
     ValueError
         For ticks that are not two-dimensional int32 or too large, or a window out of range.
     """
-    array = np.ascontiguousarray(ticks)
+    xp = namespace(ticks)
+    array = xp.ascontiguousarray(ticks)
     if array.ndim != 2 or array.dtype != np.int32:
         raise ValueError(f"ticks must be a two-dimensional int32 array, not {array.dtype} of shape {array.shape}")
     if not 1 <= half_width <= LARGEST_HALF_WIDTH:
         raise ValueError(f"half_width must be 1 to {LARGEST_HALF_WIDTH} pixels, not {half_width}")
     present = array != MISSING
-    if array.size and (array.max() >= LARGEST_TICK or array.min(where=present, initial=0) <= -LARGEST_TICK):
+    # on a device this is the one scalar read before the work: sums of what is too large would not be exact
+    if array.size and int(xp.max(xp.abs(xp.where(present, array, np.int32(0))))) >= LARGEST_TICK:
         raise ValueError(f"ticks must lie within {LARGEST_TICK}; subtract a reference height")
-    deviation = np.full(array.shape, np.nan, np.float32)
-    _fit(deviation, array, half_width)
-    planarity = window_lowest(np.where(np.isnan(deviation), _NOWHERE, deviation), half_width)
-    bend = np.empty(array.shape, np.float32)
-    _bend(bend, np.pad(array, half_width, constant_values=MISSING), half_width)
-    return SurfaceShape(np.where(present & (planarity < _NOWHERE), planarity, np.float32(np.nan)), bend)
+    padded = xp.pad(array, half_width, constant_values=MISSING)
+    if on_device(array):
+        deviation, bend = device_form(__name__).measure(padded, array.shape, half_width)
+    else:
+        deviation, bend = np.full(array.shape, NOWHERE), np.empty(array.shape, np.float32)
+        _fit(deviation, array, half_width)
+        _bend(bend, padded, half_width)
+    planarity = window_lowest(deviation, half_width)
+    return SurfaceShape(xp.where(present & (planarity < NOWHERE), planarity, np.float32(np.nan)), bend)

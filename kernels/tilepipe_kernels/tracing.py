@@ -187,7 +187,7 @@ def _walked(
         return False
     if DEGREE[links[r, c]] != 2:
         return (r, c) < (row, column)
-    return visited[r - top, c - left] != 0  # type: ignore[no-any-return]
+    return visited[r - top, c - left] != 0
 
 
 @loop

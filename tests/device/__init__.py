@@ -1,0 +1,1 @@
+"""Kernels on the device beside the CPU; on numba's CUDA simulator where there is no GPU."""
