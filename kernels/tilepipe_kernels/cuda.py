@@ -7,6 +7,7 @@ for the running kernel's at every use instead.
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Callable
 from typing import Any
 
@@ -26,8 +27,4 @@ class _SimulatedCuda:
         return getattr(_get_kernel_context(), name)
 
 
-cuda: Any
-if simulating():
-    cuda = _SimulatedCuda()
-else:
-    from numba import cuda as cuda  # noqa: PLC0414
+cuda: Any = _SimulatedCuda() if simulating() else importlib.import_module("numba.cuda")

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import levels
-from .compiled import loop, rule
+from .arrays import namespace, on_device
+from .compiled import device_form, loop, rule
 from .nevatia_babu_masks import (
     MASK_RADIUS,
     MASKS,
@@ -40,6 +41,9 @@ __all__ = [
 ]
 
 Eight = tuple[np.float32, np.float32, np.float32, np.float32, np.float32, np.float32, np.float32, np.float32]
+
+EightLines = tuple[np.uint8, np.uint8, np.uint8, np.uint8, np.uint8, np.uint8, np.uint8, np.uint8]
+"""Of the eight neighbours of a pixel in row-major order."""
 
 THINNING_RADIUS = 2
 """Pixels around a pixel that its thinning depends on: its rivals, and what these are compared with."""
@@ -82,28 +86,42 @@ def _line(direction: np.float32) -> np.uint8:
     return HORIZONTAL if axis == ZERO else (VERTICAL if axis == THREE else diagonal)
 
 
+@inlined_rule
+def winning_line(magnitude: np.float32, direction: np.float32, magnitudes: Eight, directions: Eight) -> np.uint8:
+    """Line across the edge on which a pixel wins over its neighbours, or 0: conditions 1 and 2.
+
+    Of two equal magnitudes the earlier wins: a plain edge answers equally in the two pixels beside it.
+    """
+    before, after = _across(direction, magnitudes)
+    one, other = _across(direction, directions)
+    wins = (magnitude > before) & (magnitude >= after) & (direction != NONE)
+    wins &= similar(direction, one) & similar(direction, other)
+    return _line(direction) if wins else np.uint8(0)
+
+
+@inlined_rule
+def element_of(
+    line: np.uint8, lines: EightLines, magnitude: np.float32, direction: np.uint8, threshold: np.float32
+) -> np.uint8:
+    """Direction of a winner above the threshold that no neighbour disqualifies by having beaten it."""
+    beaten = ((lines[3] | lines[4]) & HORIZONTAL) | ((lines[1] | lines[6]) & VERTICAL)
+    beaten |= ((lines[2] | lines[5]) & RISING) | ((lines[0] | lines[7]) & FALLING)
+    kept = (line != 0) & (beaten == 0) & (magnitude > threshold)
+    return direction if kept else np.uint8(NO_DIRECTION)
+
+
 @loop
 def _peaks_row(
     m_above: Floats, m: Floats, m_below: Floats,
     d_above: Floats, d: Floats, d_below: Floats, peaks: NDArray[np.uint8],
 ) -> None:  # fmt: skip
-    """Line across the edge on which a pixel wins, or 0: conditions 1 and 2.
-
-    Of two equal magnitudes the earlier wins: a plain edge answers equally in the two pixels beside it.
-    """
     for j in range(peaks.size):
-        direction = d[j + 1]
-        before, after = _across(
-            direction,
+        peaks[j] = winning_line(
+            m[j + 1],
+            d[j + 1],
             (m_above[j], m_above[j + 1], m_above[j + 2], m[j], m[j + 2], m_below[j], m_below[j + 1], m_below[j + 2]),
-        )
-        one, other = _across(
-            direction,
             (d_above[j], d_above[j + 1], d_above[j + 2], d[j], d[j + 2], d_below[j], d_below[j + 1], d_below[j + 2]),
         )
-        wins = (m[j + 1] > before) & (m[j + 1] >= after) & (direction != NONE)
-        wins &= similar(direction, one) & similar(direction, other)
-        peaks[j] = _line(direction) if wins else np.uint8(0)
 
 
 @loop
@@ -111,12 +129,11 @@ def _elements_row(
     above: NDArray[np.uint8], here: NDArray[np.uint8], below: NDArray[np.uint8],
     magnitude: Floats, direction: Directions, threshold: np.float32, elements: Directions,
 ) -> None:  # fmt: skip
-    """Edge elements: winners above the threshold that no neighbour disqualifies by having beaten them."""
     for j in range(elements.size):
-        beaten = ((here[j] | here[j + 2]) & HORIZONTAL) | ((above[j + 1] | below[j + 1]) & VERTICAL)
-        beaten |= ((above[j + 2] | below[j]) & RISING) | ((above[j] | below[j + 2]) & FALLING)
-        kept = (here[j + 1] != 0) & (beaten == 0) & (magnitude[j] > threshold)
-        elements[j] = direction[j] if kept else np.uint8(NO_DIRECTION)
+        lines = (
+            above[j], above[j + 1], above[j + 2], here[j], here[j + 2], below[j], below[j + 1], below[j + 2]
+        )  # fmt: skip
+        elements[j] = element_of(here[j + 1], lines, magnitude[j], direction[j], threshold)
 
 
 @loop
@@ -162,7 +179,7 @@ def thin_edges(magnitude: Floats, direction: Directions, threshold: float = 0.0)
     Parameters
     ----------
     magnitude, direction
-        float32 and uint8, shape (rows, columns), as `edge_responses` gives them.
+        float32 and uint8, shape (rows, columns), as `edge_responses` gives them.  Arrays of a device stay there.
     threshold
         In the unit of the magnitude, ≥ 0; one for the whole raster, for example from `threshold_from_histogram`.
 
@@ -182,9 +199,13 @@ def thin_edges(magnitude: Floats, direction: Directions, threshold: float = 0.0)
         raise ValueError(f"magnitude must be float32 and direction uint8, not {magnitude.dtype} and {direction.dtype}")
     if not threshold >= 0:
         raise ValueError(f"threshold is {threshold}: give a magnitude of at least 0")
+    xp = namespace(magnitude, direction)
+    magnitude, direction = xp.ascontiguousarray(magnitude), xp.ascontiguousarray(direction)
+    if on_device(magnitude):
+        return device_form(__name__).thin(magnitude, direction, np.float32(threshold))
     elements = np.full(magnitude.shape, NO_DIRECTION, np.uint8)
     if min(magnitude.shape) > 2:
-        _thin(np.ascontiguousarray(magnitude), np.ascontiguousarray(direction), np.float32(threshold), elements)
+        _thin(magnitude, direction, np.float32(threshold), elements)
     return elements
 
 
@@ -206,7 +227,8 @@ def count_magnitudes(magnitude: Floats, elements: Directions) -> NDArray[np.int6
     Returns
     -------
     ndarray
-        int64, shape (levels.BINS,): the bins of `levels.histogram`, the same for every raster.
+        int64, shape (levels.BINS,): the bins of `levels.histogram`, the same for every raster; on the device if the
+        magnitudes lie there.
     """
     return levels.histogram(magnitude[elements != NO_DIRECTION])
 

@@ -13,10 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .compiled import loop, rule
+from .arrays import namespace, on_device
+from .compiled import device_form, loop, rule
 from .nevatia_babu import NO_DIRECTION, edge_responses, similar, thin_edges
 from .nevatia_babu import halo as elements_halo
 from .nevatia_babu_masks import Directions, Floats
+from .random import inlined_rule
 from .tracing import BY_PIXEL, COLUMN_STEP, ROW_STEP
 
 NO_LINK = 255
@@ -33,7 +35,8 @@ _ORDER = np.argsort(BY_PIXEL)
 
 Int64 = NDArray[np.int64]
 Links = NDArray[np.uint8]
-_NO_CANDIDATE = 1 << 62
+NO_CANDIDATE = 1 << 62
+"""Rank of a neighbour that does not continue an element."""
 
 
 @dataclass(frozen=True)
@@ -73,32 +76,21 @@ def halo() -> int:
 # ------------------------------------------------------------------------------------------------- links
 
 
-@rule
-def _rank(unequal: int, diagonal: int, turn: int, magnitude: np.float32, order: int) -> int:
-    """Order of a candidate, lowest first, with its place in row-major order in the last three bits.
+@inlined_rule
+def rank_of(direction: int, heading: int, neighbour: int, other: int, magnitude: np.float32) -> int:
+    """Order of a neighbour as continuation of an element, lowest first; `NO_CANDIDATE` if it is none.
 
-    Equal direction, nearer pixel, smaller turn (in 15°), stronger response, earlier pixel.
+    Equal direction, nearer pixel, smaller turn (in 15°), stronger response, earlier pixel: the last three bits are its
+    place in row-major order.
     """
-    # The bits of positive numbers are ordered as the numbers are.
-    weakness = 0x7FFFFFFF - np.int64(np.float32(magnitude).view(np.int32))
-    return int(((unequal << 4 | diagonal << 3 | turn) << 31 | weakness) << 3 | order)
-
-
-@loop
-def _rank_at(
-    elements: Directions, magnitude: Floats, i: int, j: int, direction: int, heading: int, neighbour: int
-) -> int:
-    """Rank of a neighbour as continuation of an element, `_NO_CANDIDATE` if it is none."""
-    down, right = int(ROW_STEP[neighbour]), int(COLUMN_STEP[neighbour])
-    r, c = i + down, j + right
-    if r < 0 or c < 0 or r >= elements.shape[0] or c >= elements.shape[1] or elements[r, c] == NO_DIRECTION:
-        return _NO_CANDIDATE
-    if not similar(np.float32(direction), np.float32(elements[r, c])):
-        return _NO_CANDIDATE
-    unequal = int(elements[r, c] != direction)
+    if other == NO_DIRECTION or not similar(np.float32(direction), np.float32(other)):
+        return NO_CANDIDATE
+    unequal, diagonal = int(other != direction), 1 - (neighbour & 1)
     # In units of 15° counterclockwise from rightward neighbour k lies at 9 - 3 k.
     turn = abs(9 - 3 * neighbour - 2 * heading) % 24
-    return _rank(unequal, abs(down * right), min(turn, 24 - turn), magnitude[r, c], int(_ORDER[neighbour]))
+    # The bits of positive numbers are ordered as the numbers are.
+    weakness = 0x7FFFFFFF - np.int64(np.float32(magnitude).view(np.int32))
+    return int(((unequal << 4 | diagonal << 3 | min(turn, 24 - turn)) << 31 | weakness) << 3 | _ORDER[neighbour])
 
 
 @rule
@@ -106,22 +98,13 @@ def _pair_and_branch(one: int, two: int, branch: int) -> tuple[int, int]:
     return BY_PIXEL[min(one, two) & 7], BY_PIXEL[branch & 7]
 
 
-@loop
-def _continuations(
-    elements: Directions, magnitude: Floats, i: int, j: int, direction: int, heading: int, middle: int
-) -> tuple[int, int]:
-    """Primary and secondary continuation of an element among the three neighbours around ``middle``."""
-    left, right = (middle - 1) & 7, (middle + 1) & 7
-    one = _rank_at(elements, magnitude, i, j, direction, heading, left)
-    two = _rank_at(elements, magnitude, i, j, direction, heading, middle)
-    three = _rank_at(elements, magnitude, i, j, direction, heading, right)
+@rule
+def continuations(one: int, two: int, three: int, a: int, b: int, c: int) -> tuple[int, int]:
+    """Primary and secondary continuation, as neighbours, of three in a row with their ranks and directions."""
     first = min(one, two, three)
-    if first == _NO_CANDIDATE:
+    if first == NO_CANDIDATE:
         return NO_LINK, NO_LINK
-    if max(one, two, three) < _NO_CANDIDATE:
-        a = elements[i + ROW_STEP[left], j + COLUMN_STEP[left]]
-        b = elements[i + ROW_STEP[middle], j + COLUMN_STEP[middle]]
-        c = elements[i + ROW_STEP[right], j + COLUMN_STEP[right]]
+    if max(one, two, three) < NO_CANDIDATE:
         if a == b and b != c:
             return _pair_and_branch(one, two, three)
         if b == c and c != a:
@@ -129,9 +112,32 @@ def _continuations(
         if c == a and a != b:
             return _pair_and_branch(one, three, two)
         return BY_PIXEL[first & 7], BY_PIXEL[max(min(one, two), min(max(one, two), three)) & 7]
-    if two == _NO_CANDIDATE and max(one, three) < _NO_CANDIDATE:
+    if two == NO_CANDIDATE and max(one, three) < NO_CANDIDATE:
         return BY_PIXEL[first & 7], BY_PIXEL[max(one, three) & 7]
     return BY_PIXEL[first & 7], NO_LINK
+
+
+@loop
+def _ranked(
+    elements: Directions, magnitude: Floats, i: int, j: int, direction: int, heading: int, neighbour: int
+) -> tuple[int, int]:
+    """Rank of a neighbour as continuation of an element, and its direction."""
+    r, c = i + ROW_STEP[neighbour], j + COLUMN_STEP[neighbour]
+    if r < 0 or c < 0 or r >= elements.shape[0] or c >= elements.shape[1]:
+        return NO_CANDIDATE, NO_DIRECTION
+    other = int(np.int64(elements[r, c]))
+    return rank_of(direction, heading, neighbour, other, magnitude[r, c]), other
+
+
+@loop
+def _continuations(
+    elements: Directions, magnitude: Floats, i: int, j: int, direction: int, heading: int, middle: int
+) -> tuple[int, int]:
+    """Primary and secondary continuation of an element among the three neighbours around ``middle``."""
+    one, a = _ranked(elements, magnitude, i, j, direction, heading, (middle - 1) & 7)
+    two, b = _ranked(elements, magnitude, i, j, direction, heading, middle)
+    three, c = _ranked(elements, magnitude, i, j, direction, heading, (middle + 1) & 7)
+    return continuations(one, two, three, a, b, c)
 
 
 @loop
@@ -184,7 +190,8 @@ def link_elements(
     Parameters
     ----------
     magnitude, elements
-        float32 and uint8, shape (rows, columns): a block as `edge_responses` and `thin_edges` give it.
+        float32 and uint8, shape (rows, columns): a block as `edge_responses` and `thin_edges` give it.  Arrays of a
+        device stay there, and so do the columns of the table.
     core
         Window (first row, end row, first column, end column) of the block; the whole block if None.
     origin
@@ -207,13 +214,18 @@ def link_elements(
     columns = origin[1] + elements.shape[1] if width is None else width
     if origin[0] + top < 0 or origin[1] + left < 0 or origin[1] + right > columns:
         raise ValueError(f"origin {origin} puts the core outside a raster of {columns} columns")
-    elements, magnitude = np.ascontiguousarray(elements), np.ascontiguousarray(magnitude)
+    xp = namespace(elements, magnitude)
+    elements, magnitude = xp.ascontiguousarray(elements), xp.ascontiguousarray(magnitude)
+    base = origin[0] * columns + origin[1]
+    if on_device(elements):
+        link = device_form(__name__).link
+        pixel, direction, strength, links = link(elements, magnitude, (top, bottom, left, right), base, columns)
+        return EdgeElements(pixel, direction, strength, links, columns)
     window = np.array([top, left, bottom, right], np.int64)
     n = _count_elements(elements, window)
     table = EdgeElements(
         np.empty(n, np.int64), np.empty(n, np.uint8), np.empty(n, np.float32), np.empty((n, 4), np.uint8), columns
     )
-    base = origin[0] * columns + origin[1]
     _link(elements, magnitude, window, base, columns, table.pixel, table.direction, table.magnitude, table.links)
     return table
 
@@ -230,7 +242,8 @@ def find_elements(
     Parameters
     ----------
     block
-        Image (rows, columns) of real numbers with `halo` pixels around the core; NaN = nodata.
+        Image (rows, columns) of real numbers with `halo` pixels around the core; NaN = nodata.  An array of a device
+        stays there, and so do the columns of the table.
     threshold
         Of the magnitude, for `thin_edges`.
     core, origin, width
@@ -241,7 +254,7 @@ def find_elements(
 
 
 def join_elements(tables: Iterable[EdgeElements]) -> EdgeElements:
-    """Elements of all tiles of a raster in one table, the same for any tiling.
+    """Elements of all tiles of a raster in one table on the host, the same for any tiling.
 
     Raises
     ------

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .compiled import loop, rule
+from .arrays import on_device
+from .compiled import device_form, loop, rule
 from .gaussian_derivatives import as_block
 from .random import inlined_rule
 
@@ -159,6 +160,7 @@ def edge_responses(block: NDArray[Any]) -> tuple[Floats, Directions]:
     ----------
     block
         Image (rows, columns) of real numbers; values that are not finite are nodata, and so is all outside the block.
+        Arrays of a device stay there, and the results are the same bits.
 
     Returns
     -------
@@ -175,6 +177,8 @@ def edge_responses(block: NDArray[Any]) -> tuple[Floats, Directions]:
         If the block is not a two-dimensional array of real numbers.
     """
     image = as_block(block)
+    if on_device(image):
+        return device_form(__name__).respond(image)
     magnitude, direction = np.empty(image.shape, np.float32), np.empty(image.shape, np.uint8)
     _respond(image, magnitude, direction)
     return magnitude, direction

@@ -5,13 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 import tilepipe
 from tests.scenes import band, draw, write_raster
 from tilepipe.options import RunOptions
 
-SHAPE = (44, 52)
+SHAPE = (30, 44)
 
 
 def layers(out: Path) -> dict[str, bytes]:
@@ -29,14 +28,14 @@ def both(command: str, raster: Path, out: Path, params: dict[str, object], tile:
     assert "cupy" in (out / "cupy" / "run.toml").read_text()
 
 
-@pytest.mark.parametrize("thresholds", ["contrast", "histogram"])
-def test_streets(tmp_path: Path, thresholds: str) -> None:
-    grey = draw(SHAPE, band(SHAPE, (-5, 8), (60, 40), 7), 1)
+def test_streets(tmp_path: Path) -> None:
+    grey = draw(SHAPE, band(SHAPE, (-5, 8), (40, 40), 6), 1)
     grey[4:6, 30:33] = np.nan
     raster = write_raster(tmp_path / "scene.tif", grey)
     params = {
         "diffusion_steps": 2, "minimum_size": 20.0, "minimum_contour": 10.0, "maximum_width": 8.0,
-        "minimum_elongation": 1.0, "minimum_length": 4.0, "thresholds": thresholds,
+        "minimum_elongation": 1.0, "minimum_length": 4.0, "line_width": 6.0, "minimum_street_width": 3.0,
+        "thresholds": "histogram",
     }  # fmt: skip
     both("streets", raster, tmp_path, params, 32)
 

@@ -33,7 +33,7 @@ def _best_edges(
         best[region] = held
 
 
-@cuda.jit(device=True)  # type: ignore[untyped-decorator]
+@cuda.jit(device=True)
 def _other_side(edges: Any, edge: int, region: int) -> int:
     return edges[edge, 0] + edges[edge, 1] - region
 
