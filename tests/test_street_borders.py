@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tilepipe.street_borders import in_long_strips
+from tilepipe.street_borders import _along, in_long_strips
 from tilepipe_kernels.parallel_lines import RIGHT, opposite_samples, sample_lines
 
 STEP = 2.0
@@ -59,3 +59,22 @@ def test_a_line_borders_no_street_with_itself() -> None:
 
 def test_nothing_opposite() -> None:
     assert shares(upper(0, 50)) == [0]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_pairs_are_those_of_all_pairs(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    count = 400
+    points, angle, width = rng.random((count, 2)) * 60, rng.choice([0.0, 0.1, 3.1], count), rng.uniform(4, 7, count)
+    inward = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    expected = set()
+    for a in range(count):
+        for b in range(a):
+            offset, uneven = points[a] - points[b], max(1.0, 0.1 * max(width[a], width[b]))
+            near = np.hypot(*offset) <= 9.0 and inward[a] @ inward[b] > 0
+            if near and abs(offset @ (inward[a] + inward[b])) / 2 <= uneven and abs(width[a] - width[b]) <= uneven:
+                expected.add((b, a))
+    found = _along(points, inward, width, 9.0)
+    assert len(expected) > 50
+    assert len(found) == len(expected)
+    assert {(min(pair), max(pair)) for pair in found.tolist()} == expected

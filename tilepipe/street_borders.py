@@ -10,7 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tilepipe.reconcile import unite
+from tilepipe_kernels.compiled import loop, rule
 from tilepipe_kernels.parallel_lines import LEFT, RIGHT, Opposite, Samples
+
+Two = tuple[float, float]
 
 _EVEN = 0.1
 """Farthest that two places of a border lie aside of each other, or differ in width, as a share of the width."""
@@ -75,11 +78,59 @@ def _along(
     points: NDArray[np.float64], inward: NDArray[np.float64], width: NDArray[np.float64], gap: float
 ) -> NDArray[np.int64]:
     """Pairs (m, 2) of places on one border: near each other, one straight ahead of the other, of one width."""
-    from scipy.spatial import cKDTree
+    cells = np.floor((points - points.min(axis=0, initial=np.inf)) / gap).astype(np.int64)
+    keys = cells[:, 0] << 32 | cells[:, 1]
+    order = np.argsort(keys, kind="stable")
+    places = order.astype(np.int64), points[order], inward[order], width[order]
+    pairs = np.empty((4 * len(keys) + 16, 2), np.int64)
+    found = _pairs(keys[order], *places, gap, pairs)
+    if found > len(pairs):
+        pairs = np.empty((found, 2), np.int64)
+        _pairs(keys[order], *places, gap, pairs)
+    return pairs[:found]
 
-    a, b = cKDTree(points).query_pairs(gap, output_type="ndarray").astype(np.int64).T
-    uneven = np.maximum(_STAIRS, _EVEN * np.maximum(width[a], width[b]))
-    beside = np.abs(np.einsum("ij,ij->i", points[b] - points[a], inward[a] + inward[b])) / 2
-    same_side = np.einsum("ij,ij->i", inward[a], inward[b]) > 0
-    one = same_side & (beside <= uneven) & (np.abs(width[a] - width[b]) <= uneven)
-    return np.stack([a[one], b[one]], axis=1)
+
+@rule
+def _one_border(
+    down: float, across: float, inward: Two, other: Two, width: float, other_width: float, gap: float
+) -> bool:  # fmt: skip
+    """Whether two places, one at an offset from the other, lie on one border of one strip."""
+    if down * down + across * across > gap * gap or inward[0] * other[0] + inward[1] * other[1] <= 0:
+        return False
+    uneven = max(_STAIRS, _EVEN * max(width, other_width))
+    beside = abs(down * (inward[0] + other[0]) + across * (inward[1] + other[1])) / 2
+    return bool(beside <= uneven and abs(width - other_width) <= uneven)
+
+
+@loop
+def _pairs(
+    keys: NDArray[np.int64],
+    place: NDArray[np.int64],
+    points: NDArray[np.float64],
+    inward: NDArray[np.float64],
+    width: NDArray[np.float64],
+    gap: float,
+    pairs: NDArray[np.int64],
+) -> int:
+    """Number of pairs; they are written while there is room.  Each place looks in its own and the next cells."""
+    found = 0
+    beside = below = end = 0
+    for a in range(len(keys)):
+        # the cells right of its own, and the three below: whatever lies before has looked this way itself
+        below, end = max(below, a), max(end, a)
+        while below < len(keys) and keys[below] < keys[a] + (1 << 32) - 1:
+            below += 1
+        while end < len(keys) and keys[end] <= keys[a] + (1 << 32) + 1:
+            end += 1
+        beside = max(beside, a)
+        while beside < len(keys) and keys[beside] <= keys[a] + 1:
+            beside += 1
+        for first, last in ((a + 1, beside), (below, end)):
+            for b in range(first, last):
+                down, across = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
+                here, there = (inward[a, 0], inward[a, 1]), (inward[b, 0], inward[b, 1])
+                if _one_border(down, across, here, there, width[a], width[b], gap):
+                    if found < len(pairs):
+                        pairs[found, 0], pairs[found, 1] = place[a], place[b]
+                    found += 1
+    return found
