@@ -17,6 +17,7 @@ from tilepipe.passes import StateArray, write_state
 from tilepipe.photograph import Photograph
 from tilepipe_kernels import crack_lines, intensity_field, line_field, nevatia_babu_links
 from tilepipe_kernels.annealing import Annealing
+from tilepipe_kernels.arrays import Backend, to_backend, to_host
 from tilepipe_kernels.edge_energy import EnergyTerms, energy_terms
 from tilepipe_kernels.grey_levels import LEVEL_STEPS
 
@@ -38,6 +39,7 @@ class FieldContext:
     lines: StateArray
     threshold: float
     seed: int
+    backend: Backend = "numpy"
 
 
 _BEYOND = 2
@@ -72,17 +74,19 @@ def bytes_per_pixel(parameters: EdgeParameters) -> int:
 def find_fields(context: FieldContext, tile: Tile) -> Facts:
     """Tile function: writes levels and lines; facts are the pieces of edge lines, edge elements, and counts."""
     p, raster = context.parameters, context.photograph.raster
-    values = context.photograph.read(tile.padded)
+    values = to_backend(context.photograph.read(tile.padded), context.backend)
     grey = context.scale.grey(values)
     observed = context.scale.levels(grey)
     levels, h, v, unresolved = _fields(context, observed, tile)
     near = tile.core.padded(_BEYOND, raster.shape)
     part, core = near.relative_to(tile.padded).slices, tile.core.relative_to(near)
-    # a line is never longer than its cracks, and counts with those that it meets
-    facts = _pieces(grey[part], h, v, core, near.origin, p.minimum_length / raster.geometry.resolution)
-    facts |= _energy(energy_terms(observed[part], levels, h, v, p.levels, core=core.slices), unresolved)
+    facts = _energy(energy_terms(observed[part], levels, h, v, p.levels, core=core.slices), unresolved)
     if p.nevatia_babu:
         facts |= _elements(context, values, tile)
+    # from here on the host works: it joins lines
+    grey, levels, h, v = (to_host(array) for array in (grey[part], levels, h, v))
+    # a line is never longer than its cracks, and counts with those that it meets
+    facts |= _pieces(grey, h, v, core, near.origin, p.minimum_length / raster.geometry.resolution)
     lines = h[core.slices] | v[core.slices] << 1
     lines[levels[core.slices] == NODATA] = NODATA
     arrays = {"levels": context.levels, "lines": context.lines}

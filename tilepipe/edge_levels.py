@@ -15,6 +15,7 @@ from tilepipe.image_noise import count_differences, noise
 from tilepipe.ledger import Facts
 from tilepipe.photograph import Photograph
 from tilepipe_kernels import levels, nevatia_babu
+from tilepipe_kernels.arrays import Backend, to_backend
 from tilepipe_kernels.grey_levels import LARGEST_GREY, stretch, to_levels
 
 LEAST_NOISE = 0.3
@@ -49,6 +50,7 @@ class CountContext:
 
     photograph: Photograph
     nevatia_babu: bool
+    backend: Backend = "numpy"
 
     @property
     def halo(self) -> int:
@@ -58,7 +60,8 @@ class CountContext:
 
 def count_greys(context: CountContext, tile: Tile) -> Facts:
     """Tile function (halo of the context): histograms of grey values, of their differences, and of edge responses."""
-    values, core = context.photograph.read(tile.padded), tile.core_in_padded.slices
+    values = to_backend(context.photograph.read(tile.padded), context.backend)
+    core = tile.core_in_padded.slices
     counted = {"grey": levels.histogram(values[core]), "difference": count_differences(values, tile)}
     if context.nevatia_babu:
         magnitude, direction = nevatia_babu.edge_responses(values)

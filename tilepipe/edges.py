@@ -149,8 +149,8 @@ class _Job(Job):
         return self.photograph.with_principal_component(run.run_pass(job).each())
 
     def levels_pass(self, photograph: Photograph) -> Pass:
-        context = CountContext(photograph, self.parameters.nevatia_babu)
-        return Pass("levels", count_greys, context, self.grid, context.halo, bytes_per_pixel=24)
+        context = CountContext(photograph, self.parameters.nevatia_babu, self.backend)
+        return self.device_pass("levels", count_greys, context, context.halo, bytes_per_pixel=24)
 
     def threshold(self, counts: list[Facts]) -> float:
         """Threshold of the classical method, global."""
@@ -161,10 +161,13 @@ class _Job(Job):
     def fields_pass(self, state: Path, photograph: Photograph, scale: LevelScale, threshold: float) -> Pass:
         levels = StateArray(state / "levels.zarr", self.grid, "uint8", NODATA)
         lines = StateArray(state / "lines.zarr", self.grid, "uint8", NODATA)
-        context = FieldContext(photograph, scale, self.parameters, levels, lines, threshold, self.options.seed)
+        context = FieldContext(
+            photograph, scale, self.parameters, levels, lines, threshold, self.options.seed, self.backend
+        )
         writes = {"levels": levels, "lines": lines}
-        return Pass(
-            "fields", find_fields, context, self.grid, halo(self.parameters), writes, bytes_per_pixel(self.parameters)
+        per_pixel = bytes_per_pixel(self.parameters)
+        return self.device_pass(
+            "fields", find_fields, context, halo(self.parameters), writes, bytes_per_pixel=per_pixel
         )
 
     def write_rasters(self, run: Run, context: FieldContext) -> list[Path]:

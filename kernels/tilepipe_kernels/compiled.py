@@ -13,7 +13,7 @@ from typing import Any, TypeVar, cast
 
 import numba
 
-from .arrays import simulating
+from .arrays import device_namespace, simulating
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -91,7 +91,8 @@ class Grid:
             if self._kernel is None:
                 # launches and cupy's calls share a stream, so that nothing has to wait in between
                 setattr(config, "CUDA_ARRAY_INTERFACE_SYNC", False)  # noqa: B010
-                self._kernel = cuda.jit(self.function)
+                # compiled code is kept on disk, as the loops of the CPU are
+                self._kernel = cuda.jit(self.function) if simulating() else cuda.jit(cache=True)(self.function)
             if types:
                 place = (self.function.__module__, self.function.__qualname__)
                 LAUNCHED.setdefault(place, set()).add(types)
@@ -112,8 +113,6 @@ def _types(arguments: tuple[Any, ...]) -> tuple[Any, ...]:
 
 def _stream() -> Any:
     from numba import cuda
-
-    from .arrays import device_namespace
 
     return cuda.external_stream(device_namespace().cuda.get_current_stream().ptr)
 

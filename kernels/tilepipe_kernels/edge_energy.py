@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .compiled import loop
+from .arrays import namespace, on_device, to_host
+from .compiled import device_form, loop, rule
 from .edge_model import (
     UNCOMMITTED,
     Counts,
@@ -16,11 +17,18 @@ from .edge_model import (
     Floats,
     Window,
     breaks_off,
+    checked_elements,
     checked_field,
     checked_observed,
     crowds,
     turns,
 )
+from .sums import ordered_sum
+
+PIECE = 64
+"""Pixels of a row whose squares are summed in order; the sums of pieces are then summed."""
+
+Bounds = tuple[int, int, int, int]
 
 
 class EnergyTerms(NamedTuple):
@@ -76,60 +84,112 @@ class EnergyTerms(NamedTuple):
         return self.intensity(model) + self.lines(model)
 
 
+# ------------------------------------------------------------------------------------------------- counting
+
+
+@rule
+def known(label: np.uint8, observed: np.float32) -> bool:
+    """Whether a pixel has data and a committed label."""
+    return bool((label != UNCOMMITTED) & (observed == observed))
+
+
+@rule
+def squared_residual(observed: np.float32, label: np.uint8) -> np.float64:
+    """(y - x)², in float64."""
+    residual = np.float64(observed) - np.float64(label)
+    return residual * residual
+
+
+@rule
+def difference(label: np.uint8, other: np.uint8) -> np.int64:
+    """|x_s - x_t|."""
+    return abs(np.int64(label) - np.int64(other))
+
+
+@rule
+def unparted_square(d: np.int64, element: np.uint8) -> np.int64:
+    """d² of a pair without a line between."""
+    return d * d * np.int64(element == 0)
+
+
+@rule
+def corners_of(above: int, below: int, left: int, right: int) -> int:
+    """Corners turned at a pixel, given its four elements."""
+    return turns(above, left) + turns(above, right) + turns(below, left) + turns(below, right)
+
+
 @loop
-def _existing(horizontal: Field, vertical: Field, has_data: NDArray[np.bool_]) -> tuple[Field, Field]:
-    """The elements framed by two of 255, and 255 where there is none: the rules then count what exists."""
-    rows, columns = has_data.shape
-    h = np.full((rows + 4, columns + 4), UNCOMMITTED)
-    v = np.full((rows + 4, columns + 4), UNCOMMITTED)
+def _existing(horizontal: Field, vertical: Field, observed: Floats, h: Field, v: Field) -> None:
+    rows, columns = observed.shape
     for i in range(rows):
         for j in range(columns):
-            if has_data[i, j]:
-                if i + 1 < rows and has_data[i + 1, j]:
+            if not np.isnan(observed[i, j]):
+                if i + 1 < rows and not np.isnan(observed[i + 1, j]):
                     h[i + 2, j + 2] = horizontal[i, j]
-                if j + 1 < columns and has_data[i, j + 1]:
+                if j + 1 < columns and not np.isnan(observed[i, j + 1]):
                     v[i + 2, j + 2] = vertical[i, j]
+
+
+def _framed(elements: tuple[Field, Field], observed: Floats) -> tuple[Field, Field]:
+    """The elements framed by two of 255, and 255 where there is none: the rules then count what exists."""
+    rows, columns = observed.shape
+    h, v = (namespace(observed).full((rows + 4, columns + 4), UNCOMMITTED) for _ in range(2))
+    fill = device_form(__name__).existing if on_device(observed) else _existing
+    fill(*elements, observed, h, v)
     return h, v
 
 
 @loop
-def _count_lines(h: Field, v: Field, top: int, bottom: int, left: int, right: int) -> tuple[int, int, int]:
-    """Broken elements, corners and crowded triples of the sites top..bottom, left..right of the unframed block."""
+def _count_lines(h: Field, v: Field, bounds: Bounds, counts: Counts) -> None:
+    top, bottom, left, right = bounds
     broken = corners = crowded = 0
     for i in range(top + 2, bottom + 2):
         for j in range(left + 2, right + 2):
             broken += breaks_off(h[i, j - 1], h[i, j], h[i, j + 1]) + breaks_off(v[i - 1, j], v[i, j], v[i + 1, j])
+            corners += corners_of(h[i - 1, j], h[i, j], v[i, j - 1], v[i, j])
             crowded += crowds(h[i - 1, j], h[i, j], h[i + 1, j]) + crowds(v[i, j - 1], v[i, j], v[i, j + 1])
-            corners += turns(h[i - 1, j], v[i, j - 1]) + turns(h[i - 1, j], v[i, j])
-            corners += turns(h[i, j], v[i, j - 1]) + turns(h[i, j], v[i, j])
-    return broken, corners, crowded
+    counts[1], counts[2], counts[3] = broken, corners, crowded
 
 
 @loop
 def _count_pairs(
-    observed: Floats, labels: Field, h: Field, v: Field,
-    top: int, bottom: int, left: int, right: int, differences: Counts,
-) -> tuple[float, np.int64]:  # fmt: skip
-    """Σ (y - x)² and Σ d² without a line, of the same sites; a pair belongs to its upper or left pixel."""
+    observed: Floats, labels: Field, h: Field, v: Field, bounds: Bounds, differences: Counts, counts: Counts,
+    squares: NDArray[np.float64],
+) -> None:  # fmt: skip
     rows, columns = labels.shape
-    squares = 0.0
+    top, bottom, left, right = bounds
+    pieces = squares.shape[1]
     unparted = np.int64(0)
     for i in range(top, bottom):
-        for j in range(left, right):
-            if labels[i, j] == UNCOMMITTED or np.isnan(observed[i, j]):
-                continue
-            label = np.int64(labels[i, j])
-            residual = np.float64(observed[i, j]) - label
-            squares += residual * residual
-            if i + 1 < rows and labels[i + 1, j] != UNCOMMITTED and not np.isnan(observed[i + 1, j]):
-                d = abs(label - np.int64(labels[i + 1, j]))
-                differences[d] += 1
-                unparted += d * d * (h[i + 2, j + 2] == 0)
-            if j + 1 < columns and labels[i, j + 1] != UNCOMMITTED and not np.isnan(observed[i, j + 1]):
-                d = abs(label - np.int64(labels[i, j + 1]))
-                differences[d] += 1
-                unparted += d * d * (v[i + 2, j + 2] == 0)
-    return squares, unparted
+        for piece in range(pieces):
+            first = left + piece * PIECE
+            total = 0.0
+            for j in range(first, min(first + PIECE, right)):
+                if not known(labels[i, j], observed[i, j]):
+                    continue
+                total += squared_residual(observed[i, j], labels[i, j])
+                if i + 1 < rows and known(labels[i + 1, j], observed[i + 1, j]):
+                    d = difference(labels[i, j], labels[i + 1, j])
+                    differences[d] += 1
+                    unparted += unparted_square(d, h[i + 2, j + 2])
+                if j + 1 < columns and known(labels[i, j + 1], observed[i, j + 1]):
+                    d = difference(labels[i, j], labels[i, j + 1])
+                    differences[d] += 1
+                    unparted += unparted_square(d, v[i + 2, j + 2])
+            squares[i - top, piece] = total
+    counts[0] = unparted
+
+
+def _count(
+    observed: Floats, labels: Field, h: Field, v: Field, bounds: Bounds, differences: Counts, counts: Counts,
+    squares: NDArray[np.float64],
+) -> None:  # fmt: skip
+    """Count differences of labels; squares without a line, broken, corners, crowded; sum the squares of pieces.
+
+    A pair belongs to its upper or left pixel.  Bounds are those of the core in the unframed block.
+    """
+    _count_pairs(observed, labels, h, v, bounds, differences, counts, squares)
+    _count_lines(h, v, bounds, counts)
 
 
 def energy_terms(
@@ -142,6 +202,8 @@ def energy_terms(
     core: Window = (slice(None), slice(None)),
 ) -> EnergyTerms:
     """Count what the energy of a block is made of.
+
+    Arrays of a device are counted there; the terms are numbers of the host, the very same.
 
     Parameters
     ----------
@@ -170,15 +232,15 @@ def energy_terms(
     """
     y = checked_observed(observed)
     x = checked_field("labels", labels, y.shape, levels)
-    h, v = (
-        np.full(y.shape, UNCOMMITTED) if field is None else checked_field(name, field, y.shape, 2)
-        for name, field in (("horizontal", horizontal), ("vertical", vertical))
-    )
+    xp = namespace(y, x)
+    h, v = _framed(checked_elements(horizontal, vertical, y), y)
     (top, bottom, _), (left, right, _) = (part.indices(n) for part, n in zip(core, y.shape, strict=True))
-    h, v = _existing(h, v, ~np.isnan(y))
-    differences = np.zeros(levels, np.int64)
-    squares, unparted = _count_pairs(y, x, h, v, top, bottom, left, right, differences)
-    return EnergyTerms(squares, differences, int(unparted), *_count_lines(h, v, top, bottom, left, right))
+    differences, counts = xp.zeros(levels, xp.int64), xp.zeros(4, xp.int64)
+    squares = xp.zeros((max(bottom - top, 0), -(-max(right - left, 0) // PIECE)), xp.float64)
+    count = device_form(__name__).count if on_device(y) else _count
+    count(y, x, h, v, (top, bottom, left, right), differences, counts, squares)
+    unparted, broken, corners, crowded = to_host(counts).tolist()
+    return EnergyTerms(ordered_sum(squares.reshape(-1)), to_host(differences), unparted, broken, corners, crowded)
 
 
 def energy(

@@ -25,6 +25,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .arrays import as_array, namespace
 from .compiled import rule
 
 UNCOMMITTED = np.uint8(255)
@@ -220,32 +221,53 @@ def element_energy(
 
 
 def checked_observed(observed: ArrayLike) -> Floats:
-    """Observed grey values as a contiguous float32 block.
+    """Observed grey values as a contiguous float32 block, where they lie.
 
     Raises
     ------
     ValueError
         For an array that is not two-dimensional and real.
     """
-    array = np.asarray(observed)
+    array: NDArray[Any] = as_array(observed)
     if array.ndim != 2 or array.dtype.kind not in "buif":
         raise ValueError(f"observed must be a two-dimensional real array, not {array.dtype} of shape {array.shape}")
-    return np.ascontiguousarray(array, dtype=np.float32)
+    block: Floats = namespace(array).ascontiguousarray(array, dtype=np.float32)
+    return block
 
 
 def checked_field(name: str, field: ArrayLike, shape: tuple[int, ...], values: int) -> Field:
-    """Labels or elements as a contiguous uint8 block of values below `values`, or 255.
+    """Labels or elements as a contiguous uint8 block of values below `values`, or 255, where they lie.
 
     Raises
     ------
     ValueError
         For another shape, or other values.
     """
-    array: NDArray[Any] = np.asarray(field)
+    array: NDArray[Any] = as_array(field)
     if array.shape != shape:
         raise ValueError(f"{name} must have the shape {shape} of the observed block, not {array.shape}")
     if array.dtype.kind not in "bui":
         raise ValueError(f"{name} must be integers, not {array.dtype}")
     if array.size and not bool(((array >= 0) & (array < values) | (array == UNCOMMITTED)).all()):
         raise ValueError(f"{name} must be from 0 to {values - 1}, or 255 where uncommitted")
-    return np.ascontiguousarray(array, dtype=np.uint8)
+    block: Field = namespace(array).ascontiguousarray(array, dtype=np.uint8)
+    return block
+
+
+def checked_elements(
+    horizontal: ArrayLike | None, vertical: ArrayLike | None, like: NDArray[Any]
+) -> tuple[Field, Field]:
+    """Both fields of elements as `checked_field` gives them; None: no element is committed.
+
+    Raises
+    ------
+    ValueError
+        As `checked_field`.
+    """
+    xp = namespace(like, horizontal, vertical)
+
+    def checked(name: str, field: ArrayLike | None) -> Field:
+        uncommitted: Field = xp.full(like.shape, UNCOMMITTED)
+        return uncommitted if field is None else checked_field(name, field, like.shape, 2)
+
+    return checked("horizontal", horizontal), checked("vertical", vertical)

@@ -12,6 +12,7 @@
   is then 536 pixels.
 
 All but the serial form are local: a result depends on the block within `halo` pixels and on the global place alone.
+They take arrays of a device too, which stay there; the labels are those of the CPU, bit for bit.
 """
 
 from __future__ import annotations
@@ -22,15 +23,25 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .annealing import Annealing
-from .compiled import loop
-from .edge_model import EdgeModel, Field, Floats, checked_field, checked_observed, data_energy
+from .arrays import namespace, on_device, to_device
+from .compiled import device_form, loop
+from .edge_model import EdgeModel, Field, Floats, checked_elements, checked_observed, data_energy
 from .label_hcf import parallel_rounds, serial_changes
 from .label_messages import message_labels
 from .label_scales import reach
 from .label_stability import cheapest_labels, wanting_sites
-from .label_sweeps import gibbs_sweep, icm_sweep
-from .labelling import EVERYWHERE, Labelling, Labels, Window, as_result, framed_labelling, framed_labels, labelling
-from .random import as_seed
+from .label_sweeps import anneal, iterated_modes
+from .labelling import (
+    EVERYWHERE,
+    Labelling,
+    Labels,
+    Window,
+    as_result,
+    framed_costs,
+    framed_labelling,
+    framed_labels,
+    labelling,
+)
 
 Method = Literal["parallel", "serial", "icm", "annealing", "messages"]
 
@@ -50,8 +61,7 @@ def halo(
     """Pixels around a block's core that its result depends on.
 
     In a round of HCF a site looks at the stabilities of its neighbours, which look at theirs; in a sweep the second
-    colour looks at the first; a message goes one pixel a round, and
-    twice as far on each coarser grid.
+    colour looks at the first; a message goes one pixel a round, and twice as far on each coarser grid.
 
     Raises
     ------
@@ -79,19 +89,6 @@ def _check(method: Method, rounds: int, messages: int, scales: int) -> None:
 # ------------------------------------------------------------------------------------------------- optimisers
 
 
-def _icm(problem: Labelling, sites: Field, cap: int) -> int:
-    for rounds in range(1, cap + 1):
-        if icm_sweep(problem, sites) == 0:
-            return rounds
-    return cap
-
-
-def _anneal(problem: Labelling, sites: Field, schedule: Annealing) -> None:
-    seed = as_seed(schedule.seed)
-    for sweep, temperature in enumerate(schedule.temperatures()):
-        gibbs_sweep(problem, sites, float(temperature), seed, np.uint64(sweep))
-
-
 def _optimise(
     problem: Labelling, method: Method, rounds: int, start: ArrayLike | None, core: Window,
     annealing: Annealing | None, messages: int, scales: int,
@@ -99,6 +96,8 @@ def _optimise(
     _check(method, rounds, messages, scales)
     sites = framed_labels(problem, start)
     if method == "serial":
+        if on_device(sites):
+            raise ValueError("serial HCF is for arrays of the host; move them there, or use the method parallel")
         changes = serial_changes(problem, sites)
         return as_result(problem, sites, changes, np.empty(0, np.int32), core)
     if method == "messages":
@@ -106,10 +105,10 @@ def _optimise(
     elif start is None and method != "parallel":
         cheapest_labels(problem, sites)
     if method == "icm":
-        done = _icm(problem, sites, rounds)
+        done = iterated_modes(problem, sites, rounds)
         return as_result(problem, sites, done, wanting_sites(problem, sites), core)
     if method == "annealing":
-        _anneal(problem, sites, annealing or Annealing())
+        anneal(problem, sites, annealing or Annealing())
     done, wanting = parallel_rounds(problem, sites, rounds)
     return as_result(problem, sites, done, wanting, core)
 
@@ -166,7 +165,7 @@ def minimise(
     ------
     ValueError
         For costs that do not fit together or are not finite, an unknown method, a number of rounds below 1, scales
-        below 0.
+        below 0; for the serial form of arrays of a device.
     """
     problem = labelling(
         unary, pairwise, down=down, right=right, down_weight=down_weight, right_weight=right_weight, origin=origin
@@ -187,21 +186,25 @@ def _fill_unary(unary: NDArray[np.float32], observed: Floats, sigma: np.float32)
 
 
 def _image_labelling(
-    observed: Floats, model: EdgeModel, horizontal: Field, vertical: Field, origin: tuple[int, int]
+    observed: Floats, model: EdgeModel, elements: tuple[Field, Field], origin: tuple[int, int]
 ) -> Labelling:
     """Problem of the intensity field; pairs parted by an element of 0 pay for their contrast."""
-    if (observed.shape[0] + 2) * (observed.shape[1] + 2) >= 2**31:
+    rows, columns = observed.shape
+    if (rows + 2) * (columns + 2) >= 2**31:
         raise ValueError(f"a block of {observed.shape} pixels is too large: make tiles of at most 46000 pixels a side")
-    unary = np.zeros((observed.shape[0] + 2, observed.shape[1] + 2, model.levels), np.float32)
-    _fill_unary(unary, observed, np.float32(model.sigma))
+    xp = namespace(observed)
+    unary = framed_costs(rows, columns, model.levels, observed)
+    fill = device_form(__name__).fill_unary if on_device(observed) else _fill_unary
+    fill(unary, observed, np.float32(model.sigma))
     label = np.arange(model.levels, dtype=np.float32)
     contrast = np.float32(model.alpha) * (label[:, None] - label) ** 2
     free = model.pairwise()
     tables = np.stack([free, free + contrast])
-    down, right = ((field == 0).astype(np.uint8) for field in (horizontal, vertical))
-    if not (down.any() or right.any()):
+    kinds = tuple((field == 0).astype(xp.uint8) for field in elements)
+    if not any(bool(kind.any()) for kind in kinds):
         tables = tables[:1]
-    return framed_labelling(unary, ~np.isnan(observed), tables, down, right, origin)
+    tables = to_device(tables) if on_device(observed) else tables
+    return framed_labelling(unary, ~xp.isnan(observed), tables, kinds, origin)
 
 
 def intensity_field(
@@ -240,14 +243,11 @@ def intensity_field(
     Raises
     ------
     ValueError
-        For arrays that do not fit together, an unknown method, a number of rounds below 1.
+        For arrays that do not fit together, an unknown method, a number of rounds below 1; for the serial form of
+        an array of a device.
     """
     y = checked_observed(observed)
-    if np.isinf(y).any():
+    if bool(namespace(y).isinf(y).any()):
         raise ValueError("observed must be finite, or NaN where there is no data")
-    h, v = (
-        np.full(y.shape, np.uint8(255)) if field is None else checked_field(name, field, y.shape, 2)
-        for name, field in (("horizontal", horizontal), ("vertical", vertical))
-    )
-    problem = _image_labelling(y, model, h, v, origin)
+    problem = _image_labelling(y, model, checked_elements(horizontal, vertical, y), origin)
     return _optimise(problem, method, rounds, start, core, annealing, messages, scales)

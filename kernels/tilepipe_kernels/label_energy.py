@@ -3,24 +3,34 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from .compiled import loop
+from .arrays import namespace, on_device
+from .compiled import device_form, loop, rule
 from .label_stability import weight_of
 from .labelling import Field, Labelling, framed_labels, labelling
+from .sums import ordered_sum
+
+
+@rule
+def energy_share(
+    cost: np.float32, down_weight: np.float32, below: np.float32, right_weight: np.float32, after: np.float32
+) -> np.float64:
+    """What a pixel adds to the energy: its own cost and those of its pairs down and right, in float64."""
+    pairs = np.float64(down_weight) * np.float64(below) + np.float64(right_weight) * np.float64(after)
+    return np.float64(cost) + pairs
 
 
 @loop
-def _energy(problem: Labelling, labels: Field) -> float:
-    total = 0.0
+def _shares(problem: Labelling, labels: Field, shares: NDArray[np.float64]) -> None:
+    unary, tables, down, right = problem.unary, problem.tables, problem.down, problem.right
+    down_weight, right_weight = problem.down_weight, problem.right_weight
     for p in range(labels.size):
         if problem.exists[p]:
             own = labels[p]
-            below = np.float64(problem.tables[problem.down[p], labels[p + problem.stride], own])
-            after = np.float64(problem.tables[problem.right[p], labels[p + 1], own])
-            total += problem.unary[p, own]
-            total += weight_of(problem.down_weight, p) * below + weight_of(problem.right_weight, p) * after
-    return total
+            below, after = tables[down[p], labels[p + problem.stride], own], tables[right[p], labels[p + 1], own]
+            weights = weight_of(down_weight, p), weight_of(right_weight, p)
+            shares[p] = energy_share(unary[p, own], weights[0], below, weights[1], after)
 
 
 def label_energy(
@@ -35,6 +45,8 @@ def label_energy(
 ) -> float:
     """Energy that `intensity_field.minimise` minimises: Σ U_s(x_s) + Σ w_st V_st(x_s, x_t), summed in float64.
 
+    It is read by the host, and the same bits for arrays of a device.
+
     Parameters
     ----------
     labels
@@ -47,7 +59,9 @@ def label_energy(
     ValueError
         For costs or labels that do not fit together.
     """
-    problem = labelling(
-        unary, pairwise, down=down, right=right, down_weight=down_weight, right_weight=right_weight
-    )  # fmt: skip
-    return float(_energy(problem, framed_labels(problem, labels, "labels")))
+    problem = labelling(unary, pairwise, down=down, right=right, down_weight=down_weight, right_weight=right_weight)
+    sites = framed_labels(problem, labels, "labels")
+    shares = namespace(sites).zeros(sites.size)
+    find = device_form(__name__).shares if on_device(sites) else _shares
+    find(problem, sites, shares)
+    return ordered_sum(shares)

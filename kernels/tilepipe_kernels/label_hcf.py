@@ -11,10 +11,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from .compiled import loop
+from .arrays import on_device
+from .compiled import device_form, loop
 from .hcf import comes_before
 from .label_hcf_dense import DENSE_LABELS, change_first, cost_planes, find_stabilities
-from .label_stability import rank_of, stability
+from .label_stability import rank_of, stability, wish
 from .labelling import Field, Floats, Labelling, Place, Sites
 
 _INFINITY = np.float32(np.inf)
@@ -56,7 +57,7 @@ def _find_stabilities(problem: Labelling, labels: Field, stabilities: Floats, be
         stabilities[p] = _INFINITY
         if exists[p]:
             g, best[p] = stability(unary, tables, down, right, down_weight, right_weight, labels, stride, none, p)
-            stabilities[p] = g if labels[p] == none or g < 0 else _INFINITY
+            stabilities[p] = wish(g, labels[p] != none)
 
 
 @loop
@@ -110,7 +111,7 @@ def _listed_rounds(problem: Labelling, labels: Field, stabilities: Floats, best:
                 renewed_in[p] = rounds
                 listed = stabilities[p] < _INFINITY
                 g, best[p] = stability(unary, tables, down, right, down_weight, right_weight, labels, stride, none, p)
-                stabilities[p] = g if labels[p] == none or g < 0 else _INFINITY
+                stabilities[p] = wish(g, labels[p] != none)
                 if not listed and g < 0:
                     waiting[count] = p
                     count += 1
@@ -140,10 +141,13 @@ def parallel_rounds(problem: Labelling, labels: Field, cap: int) -> tuple[int, S
     rounds, wanting
         Rounds done, and the sites that still wanted to change.
     """
+    if on_device(labels):
+        found: tuple[int, Sites] = device_form(__name__).parallel_rounds(problem, labels, cap)
+        return found
     stabilities, best = np.empty(labels.size, np.float32), np.zeros(labels.size, np.uint8)
     none = problem.unary.shape[1]
     rounds = 0
-    if none <= DENSE_LABELS and problem.tables.shape[0] == 2 and problem.down_weight.size == 0:
+    if none <= DENSE_LABELS and problem.tables.shape[0] == 2 and problem.down_weight is None:
         rounds = _dense_rounds(problem, labels, stabilities, best, cap)
     else:
         _find_stabilities(problem, labels, stabilities, best)
@@ -225,7 +229,7 @@ def serial_changes(problem: Labelling, labels: Field) -> int:
         for p in (centre, centre - stride, centre - 1, centre + 1, centre + stride):
             if exists[p]:
                 g, best[p] = stability(unary, tables, down, right, down_weight, right_weight, labels, stride, none, p)
-                stabilities[p] = g if labels[p] == none or g < 0 else _INFINITY
+                stabilities[p] = wish(g, labels[p] != none)
                 higher = _move_up(heap, place, stabilities, ranks, np.int64(place[p]))
                 _move_down(heap, place, stabilities, ranks, higher)
     return changes

@@ -15,21 +15,28 @@ Arrays hold ρ M, the two colours of each row apart, one plane for each label, s
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .compiled import loop, rule
+from .arrays import namespace, on_device
+from .compiled import device_form, loop, rule
 from .label_scales import coarser, hand_down, reach
+from .label_stability import site_energy
 from .labelling import Field, Floats, Labelling
 
-_FROM_ABOVE, _FROM_LEFT, _FROM_RIGHT, _FROM_BELOW = range(4)
+FROM_ABOVE, FROM_LEFT, FROM_RIGHT, FROM_BELOW = range(4)
+"""Sides that a message comes from."""
+
 _TREES = np.float32(0.5)
 _SCALES = np.float32(0.59375)
+_ONE = np.float32(1)
 _INFINITY = np.float32(np.inf)
 _AT_ONCE = 4
 _BAND_BYTES = 1 << 26
+_DEVICE_BAND_BYTES = 1 << 30
 
 Planes = NDArray[np.float32]
 
@@ -48,7 +55,8 @@ class _Parted(NamedTuple):
 
 
 @rule
-def _lower(a: np.float32, b: np.float32) -> np.float32:
+def lower(a: np.float32, b: np.float32) -> np.float32:
+    """The lower of two numbers."""
     return a if a < b else b
 
 
@@ -58,9 +66,9 @@ def _add_least(least: Floats, sent: Floats, cost: Floats) -> None:
     a, b, c, d = sent[0], sent[1], sent[2], sent[3]
     cost_a, cost_b, cost_c, cost_d = cost[0], cost[1], cost[2], cost[3]
     for n in range(least.size):
-        first = _lower(a[n] + cost_a, b[n] + cost_b)
-        second = _lower(c[n] + cost_c, d[n] + cost_d)
-        least[n] = _lower(least[n], _lower(first, second))
+        first = lower(a[n] + cost_a, b[n] + cost_b)
+        second = lower(c[n] + cost_c, d[n] + cost_d)
+        least[n] = lower(least[n], lower(first, second))
 
 
 @loop
@@ -69,28 +77,28 @@ def _add_weighted_least(least: Floats, sent: Floats, cost: Floats, weight: Float
     a, b, c, d = sent[0], sent[1], sent[2], sent[3]
     cost_a, cost_b, cost_c, cost_d = cost[0], cost[1], cost[2], cost[3]
     for n in range(least.size):
-        first = _lower(a[n] + weight[n] * cost_a, b[n] + weight[n] * cost_b)
-        second = _lower(c[n] + weight[n] * cost_c, d[n] + weight[n] * cost_d)
-        least[n] = _lower(least[n], _lower(first, second))
+        first = lower(a[n] + weight[n] * cost_a, b[n] + weight[n] * cost_b)
+        second = lower(c[n] + weight[n] * cost_c, d[n] + weight[n] * cost_d)
+        least[n] = lower(least[n], lower(first, second))
 
 
 @loop
-def _collect(total: Floats, unary: Floats, incoming: Planes) -> None:
-    """U + ρ Σ M of a row; incoming is (4, labels, sites)."""
+def _collect(total: Floats, unary: Floats, incoming: Planes, rho: np.float32) -> None:
+    """ρ (U + ρ Σ M) of a row; incoming is (4, labels, sites)."""
     for label in range(unary.shape[0]):
         a, b, c, d = incoming[0, label], incoming[1, label], incoming[2, label], incoming[3, label]
         u, into = unary[label], total[label]
         for n in range(into.size):
-            into[n] = u[n] + ((a[n] + b[n]) + (c[n] + d[n]))
+            into[n] = rho * site_energy(u[n], a[n], b[n], c[n], d[n])
 
 
 @loop
-def _subtract(sent: Floats, total: Floats, back: Floats, rho: np.float32) -> None:
+def _subtract(sent: Floats, total: Floats, back: Floats) -> None:
     """ρ (U + ρ Σ M - M) of a row, the message back left out."""
     for label in range(total.shape[0]):
         s, t, m = sent[label], total[label], back[label]
         for n in range(s.size):
-            s[n] = rho * t[n] - m[n]
+            s[n] = t[n] - m[n]
 
 
 @loop
@@ -120,7 +128,7 @@ def _send(
                 else:
                     _add_least(into, four, cost)
             for n in range(into.size):
-                lowest[n] = _lower(lowest[n], into[n])
+                lowest[n] = lower(lowest[n], into[n])
         _deliver(message, least, lowest, kinds, kind)
 
 
@@ -138,30 +146,31 @@ def _exchange(messages: Planes, parted: _Parted, tables: Planes, rounds: int, ro
             q = (row + i + turn) % 2
             own = messages[i, :, q, :, 1 : n - 1]
             left, onward = slice(q, n - 2 + q), slice(1 + q, n - 1 + q)
-            _collect(total, unary[i, q, :, 1 : n - 1], own)
-            _subtract(sent, total, own[_FROM_ABOVE], rho)
-            into = messages[i - 1, _FROM_BELOW, q, :, 1 : n - 1]
+            _collect(total, unary[i, q, :, 1 : n - 1], own, rho)
+            _subtract(sent, total, own[FROM_ABOVE])
+            into = messages[i - 1, FROM_BELOW, q, :, 1 : n - 1]
             _send(into, sent, tables, down[i - 1, q, here], w_down[i - 1, q, here], least, lowest)
-            _subtract(sent, total, own[_FROM_BELOW], rho)
-            into = messages[i + 1, _FROM_ABOVE, q, :, 1 : n - 1]
+            _subtract(sent, total, own[FROM_BELOW])
+            into = messages[i + 1, FROM_ABOVE, q, :, 1 : n - 1]
             _send(into, sent, tables, down[i, q, here], w_down[i, q, here], least, lowest)
-            _subtract(sent, total, own[_FROM_LEFT], rho)
-            into = messages[i, _FROM_RIGHT, 1 - q, :, left]
+            _subtract(sent, total, own[FROM_LEFT])
+            into = messages[i, FROM_RIGHT, 1 - q, :, left]
             _send(into, sent, tables, right[i, 1 - q, left], w_right[i, 1 - q, left], least, lowest)
-            _subtract(sent, total, own[_FROM_RIGHT], rho)
-            into = messages[i, _FROM_LEFT, 1 - q, :, onward]
+            _subtract(sent, total, own[FROM_RIGHT])
+            into = messages[i, FROM_LEFT, 1 - q, :, onward]
             _send(into, sent, tables, right[i, q, here], w_right[i, q, here], least, lowest)
 
 
 @loop
 def _decide(labels: Field, unary: Planes, messages: Planes) -> None:
-    """Label of least belief, the lowest of equals, of each site of a row; labels (2, n)."""
-    count, n = unary.shape[1], unary.shape[2]
+    """Label of least belief, the lowest of equals, of each site; labels (rows, 2, n)."""
+    rows, _, count, n = unary.shape
     total = np.empty((count, n), np.float32)
     least = np.empty(n, np.float32)
-    for q in range(2):
-        _collect(total, unary[q], messages[:, q])
-        best = labels[q]
+    for row in range(2 * rows):
+        i, q = row // 2, row % 2
+        _collect(total, unary[i, q], messages[i, :, q], _ONE)
+        best = labels[i, q]
         for m in range(n):
             least[m] = total[0, m]
             best[m] = 0
@@ -169,48 +178,35 @@ def _decide(labels: Field, unary: Planes, messages: Planes) -> None:
             belief = total[label]
             for m in range(n):
                 best[m] = np.uint8(label) if belief[m] < least[m] else best[m]
-                least[m] = _lower(least[m], belief[m])
+                least[m] = lower(least[m], belief[m])
 
 
-@loop
-def _part_field(field: NDArray[Any], shift: int, parted: NDArray[Any]) -> None:
-    """Part the colours of kinds or weights (rows, columns) into (rows, 2, n)."""
-    for i in range(field.shape[0]):
-        for j in range(field.shape[1]):
-            parted[i, (j + shift) % 2, (j + shift) // 2] = field[i, j]
+def _colours(stride: int, shift: int) -> Iterator[tuple[int, slice, slice]]:
+    """Each colour, its columns of a framed row, and their places among those of the colour.
 
-
-@loop
-def _part_unary(unary: Planes, shift: int, parted: Planes) -> None:
-    """Part the colours of unary (rows, columns, K) into (rows, 2, K, n)."""
-    for i in range(unary.shape[0]):
-        for j in range(unary.shape[1]):
-            for label in range(unary.shape[2]):
-                parted[i, (j + shift) % 2, label, (j + shift) // 2] = unary[i, j, label]
-
-
-@loop
-def _join(parted: Field, shift: int, labels: Field) -> None:
-    for i in range(labels.shape[0]):
-        for j in range(labels.shape[1]):
-            labels[i, j] = parted[i, (j + shift) % 2, (j + shift) // 2]
+    A column j has the colour (j + shift) % 2 and the place (j + shift) // 2.
+    """
+    for first in range(2):
+        place = (first + shift) // 2
+        yield (first + shift) % 2, slice(first, stride, 2), slice(place, place + (stride - first + 1) // 2)
 
 
 def _parted(problem: Labelling, shift: int) -> _Parted:
     """Part the costs of a block into the colours of its columns."""
+    xp = namespace(problem.exists)
     rows, stride, count = problem.exists.size // problem.stride, problem.stride, problem.unary.shape[1]
     n = (stride + shift) // 2 + 2
-    unary = np.zeros((rows, 2, count, n), np.float32)
-    _part_unary(problem.unary.reshape(rows, stride, count), shift, unary)
-    fields: list[NDArray[Any]] = []
-    for kinds in (problem.down, problem.right):
-        fields.append(np.full((rows, 2, n), len(problem.tables) - 1, np.uint8))
-        _part_field(kinds.reshape(rows, stride), shift, fields[-1])
-    for weights in (problem.down_weight, problem.right_weight):
-        fields.append(np.zeros((rows, 2, n if weights.size else 0), np.float32))
-        if weights.size:
-            _part_field(weights.reshape(rows, stride), shift, fields[-1])
-    return _Parted(unary, *fields)
+    unary = xp.zeros((rows, 2, count, n), xp.float32)
+    kinds = [xp.full((rows, 2, n), len(problem.tables) - 1, xp.uint8) for _ in range(2)]
+    of_pairs = problem.down_weight, problem.right_weight
+    weights = [xp.zeros((rows, 2, 0 if given is None else n), xp.float32) for given in of_pairs]
+    fields = [(problem.down, kinds[0]), (problem.right, kinds[1]), *zip(of_pairs, weights, strict=True)]
+    for colour, columns, places in _colours(stride, shift):
+        unary[:, colour, :, places] = problem.unary.reshape(rows, stride, count)[:, columns].transpose(0, 2, 1)
+        for given, parted in fields:
+            if given is not None:
+                parted[:, colour, places] = given.reshape(rows, stride)[:, columns]
+    return _Parted(unary, *kinds, *weights)
 
 
 def _shift(problem: Labelling) -> int:
@@ -220,17 +216,25 @@ def _shift(problem: Labelling) -> int:
 
 def _messages(problem: Labelling, rounds: int, scales: int, rho: np.float32) -> tuple[Planes, Planes]:
     """Unary costs and messages of a block, parted, after some rounds on each grid, the coarsest first."""
+    xp = namespace(problem.exists)
     parted = _parted(problem, _shift(problem))
     rows, _, count, n = parted.unary.shape
-    messages = np.zeros((rows, 4, 2, count, n), np.float32)
+    messages: Planes = xp.zeros((rows, 4, 2, count, n), xp.float32)
     if scales > 0:
         coarse = coarser(problem)
         _, from_messages = _messages(coarse, rounds, scales - 1, rho)
         hand_down(problem, messages, _shift(problem), coarse, from_messages, _shift(coarse))
+    if on_device(messages):
+        device_form(__name__).exchange(messages, parted, problem.tables, rounds, problem.row, rho)
+        return parted.unary, messages
     tables = np.zeros((len(problem.tables) - 1, count, -(-count // _AT_ONCE) * _AT_ONCE), np.float32)
     tables[:, :, :count] = problem.tables[:-1, :count]
     _exchange(messages, parted, tables, rounds, problem.row, rho)
     return parted.unary, messages
+
+
+def _part_of(weights: Floats | None, sites: slice) -> Floats | None:
+    return None if weights is None else weights[sites]
 
 
 def _band(problem: Labelling, first: int, last: int) -> Labelling:
@@ -238,7 +242,7 @@ def _band(problem: Labelling, first: int, last: int) -> Labelling:
     sites = slice(first * problem.stride, last * problem.stride)
     return problem._replace(
         unary=problem.unary[sites], down=problem.down[sites], right=problem.right[sites],
-        down_weight=problem.down_weight[sites], right_weight=problem.right_weight[sites],
+        down_weight=_part_of(problem.down_weight, sites), right_weight=_part_of(problem.right_weight, sites),
         exists=problem.exists[sites], row=problem.row + first,
     )  # fmt: skip
 
@@ -247,11 +251,13 @@ def _band_labels(problem: Labelling, rounds: int, scales: int) -> Field:
     """Labels of a framed band, (rows, stride)."""
     unary, messages = _messages(problem, rounds, scales, _SCALES if scales else _TREES)
     rows, _, _, n = unary.shape
-    parted = np.empty((rows, 2, n), np.uint8)
-    for i in range(rows):
-        _decide(parted[i], unary[i], messages[i])
-    labels = np.empty((rows, problem.stride), np.uint8)
-    _join(parted, _shift(problem), labels)
+    xp = namespace(messages)
+    parted = xp.empty((rows, 2, n), xp.uint8)
+    decide = device_form(__name__).decide if on_device(messages) else _decide
+    decide(parted, unary, messages)
+    labels: Field = xp.empty((rows, problem.stride), xp.uint8)
+    for colour, columns, places in _colours(problem.stride, _shift(problem)):
+        labels[:, columns] = parted[:, colour, places]
     return labels
 
 
@@ -273,17 +279,18 @@ def message_labels(problem: Labelling, rounds: int, scales: int = 0) -> Field:
     ndarray of uint8
         (sites,), framed and flat; K where there is no data.
     """
-    none = problem.unary.shape[1]
-    labels = np.full((problem.exists.size // problem.stride, problem.stride), none, np.uint8)
-    rows = len(labels)
+    none, stride = problem.unary.shape[1], problem.stride
+    xp = namespace(problem.exists)
+    rows = problem.exists.size // stride
+    labels = xp.empty((rows, stride), xp.uint8)
     # Bands bound the memory; each is computed with its halo, so they do not show.
     around = reach(rounds, scales) + 1
-    height = max(_BAND_BYTES // (20 * none * problem.stride), 4 * around)
+    most = _DEVICE_BAND_BYTES if on_device(problem.exists) else _BAND_BYTES
+    height = max(most // (20 * none * stride), 4 * around)
     for first in range(0, rows, height):
         top, bottom = max(first - around, 0), min(first + height + around, rows)
         end = min(first + height, rows)
         band = _band_labels(_band(problem, top, bottom), rounds, scales)
         labels[first:end] = band[first - top : end - top]
-    flat = labels.reshape(-1)
-    flat[~problem.exists] = none
+    flat: Field = xp.where(problem.exists, labels.reshape(-1), xp.uint8(none))
     return flat

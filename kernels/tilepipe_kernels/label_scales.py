@@ -10,9 +10,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from .compiled import loop
+from .arrays import namespace, on_device
+from .compiled import device_form, loop, rule
 from .label_stability import weight_of
-from .labelling import Field, Floats, Labelling
+from .labelling import Field, Floats, Labelling, framed_costs
 
 _HALF = np.float32(0.5)
 
@@ -43,14 +44,15 @@ def _sum_blocks(fine: Labelling, unary: Floats, exists: NDArray[np.bool_], strid
 
 @loop
 def _sum_pairs(
-    fine: Labelling, kinds: Field, weights: Floats, step: int, kind: Field, weight: Floats, heaviest: Floats,
-    stride: int, row: int, column: int,
+    fine: Labelling, kinds: Field, weights: Floats | None, step: int, kind: Field, weight: Floats, stride: int,
+    row: int, column: int,
 ) -> None:  # fmt: skip
     """Sum the weights of the pairs, `step` sites apart, of two blocks; their kind is that of the heaviest, the first.
 
     `kinds` and `weights` are those of the fine sites, `kind` and `weight` those of the blocks.
     """
     rows, none = fine.exists.size // fine.stride, fine.tables.shape[0] - 1
+    heaviest = np.zeros(weight.size, np.float32)
     for i in range(1, rows - 1):
         for j in range(1, fine.stride - 1):
             p = i * fine.stride + j
@@ -69,29 +71,32 @@ def coarser(fine: Labelling) -> Labelling:
     row, column = ((fine.row + 1) >> 1) - 1, ((fine.column + 1) >> 1) - 1
     height = ((fine.row + rows - 2) >> 1) - row + 2
     stride = ((fine.column + fine.stride - 2) >> 1) - column + 2
-    sites = height * stride
-    unary, exists = np.zeros((sites, fine.unary.shape[1]), np.float32), np.zeros(sites, np.bool_)
-    _sum_blocks(fine, unary, exists, stride, row, column)
+    xp, sites = namespace(fine.exists), height * stride
+    forms = device_form(__name__) if on_device(fine.exists) else None
+    sum_blocks, sum_pairs = (forms.sum_blocks, forms.sum_pairs) if forms else (_sum_blocks, _sum_pairs)
+    unary = framed_costs(height - 2, stride - 2, fine.unary.shape[1], fine.exists).reshape(sites, -1)
+    exists = xp.zeros(sites, xp.bool_)
+    sum_blocks(fine, unary, exists, stride, row, column)
     kinds, weights = [], []
     for kind, weight, step in ((fine.down, fine.down_weight, fine.stride), (fine.right, fine.right_weight, 1)):
-        kinds.append(np.full(sites, len(fine.tables) - 1, np.uint8))
-        weights.append(np.zeros(sites, np.float32))
-        heaviest = np.zeros(sites, np.float32)
-        _sum_pairs(fine, kind, weight, step, kinds[-1], weights[-1], heaviest, stride, row, column)
+        kinds.append(xp.full(sites, len(fine.tables) - 1, xp.uint8))
+        weights.append(xp.zeros(sites, xp.float32))
+        sum_pairs(fine, kind, weight, step, kinds[-1], weights[-1], stride, row, column)
     return Labelling(
         unary, fine.tables, kinds[0], kinds[1], weights[0], weights[1], exists, stride, row, column
     )  # fmt: skip
 
 
+@rule
+def handed_down(heard: np.float32) -> np.float32:
+    """What a site begins with of what its block hears: half, for a side of a block has two pairs."""
+    return _HALF * heard
+
+
 @loop
-def hand_down(
+def _hand_down(
     problem: Labelling, messages: Planes, shift: int, coarse: Labelling, from_messages: Planes, from_shift: int
 ) -> None:
-    """Begin the messages with half of those of the blocks, for a side of a block has two pairs.
-
-    Messages are (rows, 4, 2, K, n): what a site hears from above, left, right and below, parted as in `label_messages`;
-    a site of column j stands at colour (j + shift) % 2, place (j + shift) // 2.
-    """
     stride, none = problem.stride, problem.tables.shape[0] - 1
     for i in range(1, messages.shape[0] - 1):
         block = ((problem.row + i) >> 1) - coarse.row
@@ -104,4 +109,16 @@ def hand_down(
                 if kinds[side] != none:
                     for label in range(messages.shape[3]):
                         heard = from_messages[block, side, at % 2, label, at // 2]
-                        messages[i, side, q, label, m] = _HALF * heard
+                        messages[i, side, q, label, m] = handed_down(heard)
+
+
+def hand_down(
+    problem: Labelling, messages: Planes, shift: int, coarse: Labelling, from_messages: Planes, from_shift: int
+) -> None:
+    """Begin the messages with half of those of the blocks.
+
+    Messages are (rows, 4, 2, K, n): what a site hears from above, left, right and below, parted as in `label_messages`;
+    a site of column j stands at colour (j + shift) % 2, place (j + shift) // 2.
+    """
+    form = device_form(__name__).hand_down if on_device(messages) else _hand_down
+    form(problem, messages, shift, coarse, from_messages, from_shift)

@@ -5,26 +5,36 @@ Sites of one colour of the global checkerboard are never adjacent, so their orde
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
-from .compiled import loop
-from .label_stability import stability, weight_of
+from .annealing import Annealing, boltzmann_factor
+from .arrays import on_device
+from .compiled import device_form, loop, rule
+from .label_stability import site_energy, stability, weight_of
 from .labelling import Field, Floats, Labelling
-from .random import uniform
+from .random import as_seed, uniform
 
 _ROW_BITS = np.uint64(32)
-_STREAM = np.uint64(0)
+STREAM = np.uint64(0)
+"""Of the random numbers that draw labels."""
+
+
+@rule
+def first_of_colour(row: int, column: int, colour: int) -> int:
+    """First column of a framed row, after its frame at (row, column), whose sites have a colour, 0 or 1."""
+    return 1 + (row + column + 1 + colour) % 2
+
+
+@rule
+def key_of_site(row: int, column: int) -> np.uint64:
+    """What tells a site's random numbers from those of others."""
+    return np.uint64(row) << _ROW_BITS | np.uint64(column)
 
 
 @loop
-def icm_sweep(problem: Labelling, labels: Field) -> int:
-    """Give every site, colour by colour, its label of least energy (Besag 1986); return the number of changes.
-
-    A site keeps its label among equals.
-    """
+def _icm_sweep(problem: Labelling, labels: Field) -> int:
+    """Give every site, colour by colour, its label of least energy; return the number of changes."""
     unary, tables, down, right = problem.unary, problem.tables, problem.down, problem.right
     down_weight, right_weight = problem.down_weight, problem.right_weight
     stride, none = problem.stride, unary.shape[1]
@@ -32,7 +42,7 @@ def icm_sweep(problem: Labelling, labels: Field) -> int:
     rows = labels.size // stride
     for colour in range(2):
         for i in range(1, rows - 1):
-            first = 1 + (problem.row + i + problem.column + 1 + colour) % 2
+            first = first_of_colour(problem.row + i, problem.column, colour)
             for p in range(i * stride + first, i * stride + stride - 1, 2):
                 if problem.exists[p]:
                     g, best = stability(unary, tables, down, right, down_weight, right_weight, labels, stride, none, p)
@@ -42,9 +52,22 @@ def icm_sweep(problem: Labelling, labels: Field) -> int:
     return changes
 
 
+def iterated_modes(problem: Labelling, labels: Field, cap: int) -> int:
+    """Give every site, colour by colour, its label of least energy until none changes (Besag 1986), in place.
+
+    A site keeps its label among equals.  Returns the number of sweeps, the last of which changed nothing, or `cap`.
+    """
+    if on_device(labels):
+        return int(device_form(__name__).iterated_modes(problem, labels, cap))
+    for sweep in range(1, cap + 1):
+        if _icm_sweep(problem, labels) == 0:
+            return sweep
+    return cap
+
+
 @loop
 def _draw(
-    unary: Floats, tables: Floats, down: Field, right: Field, down_weight: Floats, right_weight: Floats,
+    unary: Floats, tables: Floats, down: Field, right: Field, down_weight: Floats | None, right_weight: Floats | None,
     labels: Field, stride: int, p: int, temperature: float, u: float, energies: NDArray[np.float64],
 ) -> np.uint8:  # fmt: skip
     """Label drawn from the local conditional distribution at a temperature, by inversion."""
@@ -57,13 +80,13 @@ def _draw(
     cost = unary[p]
     least = np.inf
     for label in range(cost.size):
-        first = w_above * above[label] + w_before * before[label]
-        last = w_after * after[label] + w_below * below[label]
-        energies[label] = cost[label] + (first + last)
+        first, second = w_above * above[label], w_before * before[label]
+        third, last = w_after * after[label], w_below * below[label]
+        energies[label] = site_energy(cost[label], first, second, third, last)
         least = min(least, energies[label])
     total = 0.0
     for label in range(cost.size):
-        total += math.exp((least - energies[label]) / temperature)
+        total += boltzmann_factor(energies[label] - least, temperature)
         energies[label] = total
     drawn = 0
     while drawn < cost.size - 1 and energies[drawn] < u * total:
@@ -72,8 +95,7 @@ def _draw(
 
 
 @loop
-def gibbs_sweep(problem: Labelling, labels: Field, temperature: float, seed: np.uint64, sweep: np.uint64) -> None:
-    """Draw every site, colour by colour, from its local conditional distribution (Geman & Geman 1984)."""
+def _gibbs_sweep(problem: Labelling, labels: Field, temperature: float, seed: np.uint64, sweep: np.uint64) -> None:
     unary, tables, down, right = problem.unary, problem.tables, problem.down, problem.right
     down_weight, right_weight = problem.down_weight, problem.right_weight
     stride = problem.stride
@@ -81,13 +103,20 @@ def gibbs_sweep(problem: Labelling, labels: Field, temperature: float, seed: np.
     energies = np.empty(problem.unary.shape[1], np.float64)
     for colour in range(2):
         for i in range(1, rows - 1):
-            first = 1 + (problem.row + i + problem.column + 1 + colour) % 2
-            row = np.uint64(problem.row + i) << _ROW_BITS
+            first = first_of_colour(problem.row + i, problem.column, colour)
             for p in range(i * stride + first, i * stride + stride - 1, 2):
                 if problem.exists[p]:
-                    site = row | np.uint64(problem.column + p - i * stride)
-                    u = uniform(seed, site, sweep, _STREAM)
+                    key = key_of_site(problem.row + i, problem.column + p - i * stride)
+                    u = uniform(seed, key, sweep, STREAM)
                     labels[p] = _draw(
                         unary, tables, down, right, down_weight, right_weight, labels, stride, p, temperature, u,
                         energies,
                     )  # fmt: skip
+
+
+def anneal(problem: Labelling, labels: Field, schedule: Annealing) -> None:
+    """Draw every site, colour by colour, from its local conditional distribution (Geman & Geman 1984), in place."""
+    draw = device_form(__name__).gibbs_sweep if on_device(labels) else _gibbs_sweep
+    seed = as_seed(schedule.seed)
+    for sweep, temperature in enumerate(schedule.temperatures()):
+        draw(problem, labels, float(temperature), seed, np.uint64(sweep))

@@ -16,6 +16,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .arrays import as_array, namespace, on_device
+
 MAXIMUM_LABELS = 254
 
 Floats = NDArray[np.float32]
@@ -26,8 +28,6 @@ Place = int | np.int64
 
 EVERYWHERE: Window = (slice(None), slice(None))
 
-_UNWEIGHTED = np.empty(0, np.float32)
-
 
 class Labelling(NamedTuple):
     """Problem of a block framed by one site on each side.
@@ -35,13 +35,13 @@ class Labelling(NamedTuple):
     Attributes
     ----------
     unary
-        float32 (sites, K): U; 0 where there is no data.
+        float32 (sites, K): U; 0 where there is no data.  On a device the costs of one label lie side by side.
     tables
         float32 (T + 1, K + 1, K): V by kind of pair, the label K of the second pixel being none; the last is zero.
     down, right
         uint8 (sites,): kind of the pair of a site and the one below, or right of it; T where there is none.
     down_weight, right_weight
-        float32 (sites,): w of the same pairs; (0,) where all are 1.
+        float32 (sites,): w of the same pairs; None where all are 1.
     exists
         bool (sites,): whether the site is a pixel with data.
     stride
@@ -54,8 +54,8 @@ class Labelling(NamedTuple):
     tables: Floats
     down: Field
     right: Field
-    down_weight: Floats
-    right_weight: Floats
+    down_weight: Floats | None
+    right_weight: Floats | None
     exists: NDArray[np.bool_]
     stride: int
     row: int
@@ -89,28 +89,41 @@ def _pairs(has_data: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.b
     return has_data[:-1] & has_data[1:], has_data[:, :-1] & has_data[:, 1:]
 
 
-def _checked_kind(name: str, given: ArrayLike | None, shape: tuple[int, int], tables: int) -> Field:
-    kind: NDArray[Any] = np.zeros(shape, np.uint8) if given is None else np.asarray(given)
-    if kind.shape != shape or (kind.size and not 0 <= int(kind.min()) <= int(kind.max()) < tables):
+def _checked_kind(name: str, given: ArrayLike, shape: tuple[int, int], tables: int) -> Field:
+    kind: NDArray[Any] = as_array(given)
+    if kind.shape != shape or not bool(((kind >= 0) & (kind < tables)).all()):
         raise ValueError(f"{name} must name one of {tables} tables for each of {shape[0]} x {shape[1]} pixels")
     return kind.astype(np.uint8)
 
 
-def _checked_weight(name: str, given: ArrayLike | None, shape: tuple[int, int], pairs: NDArray[np.bool_]) -> Floats:
+def _checked_weight(name: str, given: ArrayLike, shape: tuple[int, int], pairs: NDArray[np.bool_]) -> Floats:
     """Weights of the pairs as float32; `pairs` leaves out the last row or column."""
-    weight: NDArray[Any] = np.ones(shape, np.float32) if given is None else np.asarray(given)
+    weight: NDArray[Any] = as_array(given)
     if weight.shape != shape or weight.dtype.kind not in "buif":
         raise ValueError(f"{name} must be a real weight for each of {shape[0]} x {shape[1]} pixels")
-    weight = weight.astype(np.float32)
-    looked_at = weight[: pairs.shape[0], : pairs.shape[1]][pairs]
-    if not (np.isfinite(looked_at) & (looked_at >= 0)).all():
+    xp = namespace(weight)
+    weight = weight.astype(xp.float32)
+    beside = weight[: pairs.shape[0], : pairs.shape[1]]
+    if not bool((~pairs | (xp.isfinite(beside) & (beside >= 0))).all()):
         raise ValueError(f"{name} must be finite and not negative where both pixels have data")
     return weight
 
 
+def framed_costs(rows: int, columns: int, labels: int, like: NDArray[Any]) -> Floats:
+    """Zeros for the unary costs of a framed block, float32 (rows + 2, columns + 2, labels), where `like` lies.
+
+    Threads of a device go through the sites at once and want those of one label side by side, a CPU all of one site.
+    """
+    xp = namespace(like)
+    if on_device(like):
+        planes: Floats = xp.zeros((labels, rows + 2, columns + 2), xp.float32)
+        return planes.transpose(1, 2, 0)
+    return np.zeros((rows + 2, columns + 2, labels), np.float32)
+
+
 def framed_labelling(
-    unary: Floats, has_data: NDArray[np.bool_], tables: Floats, down: Field, right: Field, origin: tuple[int, int],
-    weights: tuple[Floats, Floats] | None = None,
+    unary: Floats, has_data: NDArray[np.bool_], tables: Floats, kinds_of_pairs: tuple[Field, ...],
+    origin: tuple[int, int], weights: tuple[Floats, ...] | None = None,
 ) -> Labelling:  # fmt: skip
     """Make the problem of a framed block.
 
@@ -122,31 +135,34 @@ def framed_labelling(
         bool (rows, columns), not framed.
     tables
         float32 (T, K, K).
-    down, right
-        uint8 (rows, columns): kinds of pairs, below T; not looked at where there is no pair.
+    kinds_of_pairs
+        uint8 (rows, columns), two: kinds of the pairs down and right, below T; not looked at where there is no pair.
     origin
         Global row and column of the block's first pixel.
     weights
-        float32 (rows, columns), two: w of the pairs down and right; not looked at where there is no pair.  None: 1.
+        float32 (rows, columns), two: w of the same pairs, likewise.  None: 1.
     """
+    down, right = kinds_of_pairs
+    xp = namespace(unary, has_data, tables, down, right)
     rows, columns = has_data.shape
     kinds, labels, _ = tables.shape
-    padded = np.zeros((kinds + 1, labels + 1, labels), np.float32)
+    padded = xp.zeros((kinds + 1, labels + 1, labels), xp.float32)
     padded[:kinds, :labels] = tables
-    exists = np.zeros((rows + 2, columns + 2), np.bool_)
+    exists = xp.zeros((rows + 2, columns + 2), xp.bool_)
     exists[1:-1, 1:-1] = has_data
-    pairs_down, pairs_right = (np.full(exists.shape, kinds, np.uint8) for _ in range(2))
+    pairs_down, pairs_right = (xp.full(exists.shape, kinds, xp.uint8) for _ in range(2))
     both_down, both_right = _pairs(has_data)
-    np.copyto(pairs_down[1:-2, 1:-1], down[:-1], where=both_down)
-    np.copyto(pairs_right[1:-1, 1:-2], right[:, :-1], where=both_right)
-    down_weight = right_weight = _UNWEIGHTED
+    xp.copyto(pairs_down[1:-2, 1:-1], down[:-1], where=both_down)
+    xp.copyto(pairs_right[1:-1, 1:-2], right[:, :-1], where=both_right)
+    down_weight = right_weight = None
     if weights is not None:
-        down_weight, right_weight = (np.zeros(exists.shape, np.float32) for _ in range(2))
-        np.copyto(down_weight[1:-2, 1:-1], weights[0][:-1], where=both_down)
-        np.copyto(right_weight[1:-1, 1:-2], weights[1][:, :-1], where=both_right)
+        framed = xp.zeros((2, *exists.shape), xp.float32)
+        xp.copyto(framed[0, 1:-2, 1:-1], weights[0][:-1], where=both_down)
+        xp.copyto(framed[1, 1:-1, 1:-2], weights[1][:, :-1], where=both_right)
+        down_weight, right_weight = framed[0].reshape(-1), framed[1].reshape(-1)
     return Labelling(
-        unary.reshape(-1, labels), padded, pairs_down.reshape(-1), pairs_right.reshape(-1), down_weight.reshape(-1),
-        right_weight.reshape(-1), exists.reshape(-1), columns + 2, origin[0] - 1, origin[1] - 1,
+        unary.reshape(-1, labels), padded, pairs_down.reshape(-1), pairs_right.reshape(-1), down_weight, right_weight,
+        exists.reshape(-1), columns + 2, origin[0] - 1, origin[1] - 1,
     )  # fmt: skip
 
 
@@ -160,7 +176,7 @@ def labelling(
     right_weight: ArrayLike | None = None,
     origin: tuple[int, int] = (0, 0),
 ) -> Labelling:
-    """Make a labelling problem of given costs.
+    """Make a labelling problem of given costs, all on the host or all on a device; it stays there.
 
     Parameters
     ----------
@@ -183,7 +199,7 @@ def labelling(
         For shapes that do not fit together, costs that are infinite, a table that is not symmetric, a table that
         is not there, a weight that is negative or not finite.
     """
-    costs: NDArray[Any] = np.asarray(unary)
+    costs: NDArray[Any] = as_array(unary)
     if costs.ndim != 3 or not 2 <= costs.shape[2] <= MAXIMUM_LABELS or costs.dtype.kind not in "buif":
         raise ValueError(
             f"unary must be real, of shape (rows, columns, 2 to {MAXIMUM_LABELS} labels), not {costs.dtype} of shape "
@@ -192,29 +208,33 @@ def labelling(
     rows, columns, count = costs.shape
     if (rows + 2) * (columns + 2) >= 2**31:
         raise ValueError(f"{rows} x {columns} pixels are too many for one block; label smaller blocks")
-    tables: NDArray[Any] = np.asarray(pairwise, dtype=np.float32)
+    xp = namespace(unary, pairwise, down, right, down_weight, right_weight)
+    tables: NDArray[Any] = xp.asarray(pairwise, dtype=xp.float32)
     tables = tables[None] if tables.ndim == 2 else tables
     if tables.ndim != 3 or tables.shape[1:] != (count, count) or not 1 <= len(tables) <= MAXIMUM_LABELS:
         raise ValueError(f"pairwise must be tables of {count} x {count} labels, not of shape {np.shape(pairwise)}")
-    if not (np.isfinite(tables).all() and np.array_equal(tables, tables.transpose(0, 2, 1))):
+    if not bool((xp.isfinite(tables) & (tables == tables.transpose(0, 2, 1))).all()):
         raise ValueError("pairwise must be finite and symmetric")
-    framed = np.zeros((rows + 2, columns + 2, count), np.float32)
-    framed[1:-1, 1:-1] = costs
+    framed = framed_costs(rows, columns, count, costs)
     inside = framed[1:-1, 1:-1]
-    has_data: NDArray[np.bool_] = np.logical_not(np.isnan(inside).any(axis=2))
+    inside[...] = costs
+    has_data: NDArray[np.bool_] = xp.logical_not(xp.isnan(inside).any(axis=2))
     inside[~has_data] = 0
-    if not np.isfinite(inside).all():
+    if not bool(xp.isfinite(inside).all()):
         raise ValueError("unary must be finite; give a label that a pixel cannot have a large cost instead")
     shape = (rows, columns)
-    kinds = _checked_kind("down", down, shape, len(tables)), _checked_kind("right", right, shape, len(tables))
+    kinds = tuple(
+        xp.zeros(shape, xp.uint8) if given is None else _checked_kind(name, given, shape, len(tables))
+        for name, given in (("down", down), ("right", right))
+    )
     weights = None
     if down_weight is not None or right_weight is not None:
-        both_down, both_right = _pairs(has_data)
-        weights = (
-            _checked_weight("down_weight", down_weight, shape, both_down),
-            _checked_weight("right_weight", right_weight, shape, both_right),
+        given_weights = ("down_weight", down_weight), ("right_weight", right_weight)
+        weights = tuple(
+            xp.ones(shape, xp.float32) if given is None else _checked_weight(name, given, shape, pairs)
+            for (name, given), pairs in zip(given_weights, _pairs(has_data), strict=True)
         )
-    return framed_labelling(framed, has_data, tables, *kinds, origin, weights)
+    return framed_labelling(framed, has_data, tables, kinds, origin, weights)
 
 
 def framed_labels(problem: Labelling, labels: ArrayLike | None, name: str = "start") -> Field:
@@ -226,24 +246,26 @@ def framed_labels(problem: Labelling, labels: ArrayLike | None, name: str = "sta
         For labels of another shape, or a pixel with data that has none of the K labels.
     """
     none = problem.unary.shape[1]
-    sites = np.full(problem.exists.size, none, np.uint8)
+    xp = namespace(problem.exists, labels)
+    sites: Field = xp.full(problem.exists.size, none, xp.uint8)
     if labels is not None:
-        given = np.asarray(labels)
+        given = as_array(labels)
         framed = sites.reshape(-1, problem.stride)
         if given.shape != (framed.shape[0] - 2, framed.shape[1] - 2):
             raise ValueError(f"{name} must have the shape of the block, not {given.shape}")
-        framed[1:-1, 1:-1] = np.where((given >= 0) & (given < none), given, none)
+        framed[1:-1, 1:-1] = xp.where((given >= 0) & (given < none), given, none).astype(xp.uint8)
         sites[~problem.exists] = none
-        if bool((sites[problem.exists] >= none).any()):
+        if bool((problem.exists & (sites >= none)).any()):
             raise ValueError(f"{name} must be from 0 to {none - 1} where there is data")
     return sites
 
 
 def as_result(problem: Labelling, sites: Field, rounds: int, wanting: Sites, core: Window = EVERYWHERE) -> Labels:
     """Result of the labels of all sites and the list of those that still want to change."""
-    framed = np.where(problem.exists, sites, np.uint8(255)).reshape(-1, problem.stride)
+    xp = namespace(problem.exists, sites, wanting)
+    framed = xp.where(problem.exists, sites, xp.uint8(255)).reshape(-1, problem.stride)
     labels = framed[1:-1, 1:-1].copy()
-    open_ends = np.zeros(framed.size, np.bool_)
+    open_ends = xp.zeros(framed.size, xp.bool_)
     open_ends[wanting] = True
     inside = open_ends.reshape(framed.shape)[1:-1, 1:-1][core]
-    return Labels(labels, rounds, int(np.count_nonzero(inside)))
+    return Labels(labels, rounds, int(xp.count_nonzero(inside)))

@@ -11,7 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .compiled import loop, rule
+from .arrays import on_device
+from .compiled import device_form, loop, rule
 from .edge_model import UNCOMMITTED, EdgeModel, element_energy, label_energy
 from .random import inlined_rule
 
@@ -30,6 +31,7 @@ Flat = NDArray[np.uint8]
 Marks = NDArray[np.bool_]
 Floats = NDArray[np.float32]
 Ranks = NDArray[np.uint32]
+Eight = tuple[int, int, int, int, int, int, int, int]
 Sites = NDArray[np.int32]
 """Addresses in the flat fields."""
 
@@ -72,7 +74,7 @@ class Frame(NamedTuple):
 
 
 class Block(NamedTuple):
-    """Framed fields of a block and what never changes of them.
+    """Framed fields of a block and what never changes of them; arrays of a device make a block of the device.
 
     Attributes
     ----------
@@ -156,6 +158,14 @@ def code_of(a: np.uint8, b: np.uint8, c: np.uint8, d: np.uint8) -> np.int64:
     return np.int64(a & 3) | np.int64(b & 3) << 2 | np.int64(c & 3) << 4 | np.int64(d & 3) << 6
 
 
+@rule
+def edge_energy_of(
+    going_on: np.float32, beside: np.float32, corners: np.float32, a: np.uint8, b: np.uint8, alpha: np.float32
+) -> np.float32:
+    """Energy of an element being 1 less that of it being 0: what tables tell of its lines, and the two labels."""
+    return np.float32(going_on + beside + corners - alpha * squared_step(a, b))
+
+
 @inlined_rule
 def edge_energy(state: Flat, tables: Floats, frame: Frame, weights: Weights, site: int) -> np.float32:
     """Energy of the terms that an element is in when it is 1, less that when it is 0."""
@@ -167,30 +177,19 @@ def edge_energy(state: Flat, tables: Floats, frame: Frame, weights: Weights, sit
     going_on = code_of(state[site - 2 * along], state[site - along], state[site + along], state[site + 2 * along])
     beside = code_of(state[site - 2 * across], state[site - across], state[site + across], state[site + 2 * across])
     corners = code_of(state[corner], state[corner - along], state[corner + across], state[corner + across - along])
-    lines = tables[going_on] + tables[256 + beside] + tables[512 + corners]
-    return np.float32(lines - weights.alpha * squared_step(state[pixel], state[other]))
-
-
-@inlined_rule
-def energy_of_label(state: Flat, observed: Floats, frame: Frame, weights: Weights, site: int, label: int) -> np.float32:
-    """Energy of the terms that a pixel is in when it has a label."""
-    width = frame.width
-    h, v = site + frame.plane, site + 2 * frame.plane
-    return label_energy(
-        observed[site], label,
-        state[site - width], state[site - 1], state[site + 1], state[site + width],
-        state[h - width], state[v - 1], state[v], state[h],
-        weights.beta, weights.sigma, weights.alpha, weights.reciprocal,
-    )  # fmt: skip
+    return edge_energy_of(
+        tables[going_on], tables[256 + beside], tables[512 + corners], state[pixel], state[other], weights.alpha
+    )
 
 
 @rule
-def element_stability(energy: np.float32, present: np.uint8, sure: bool) -> np.float32:
-    """Stability of an element by its `edge_energy`, as `find_stabilities` gives it."""
-    uncommitted = SURE if sure & (energy >= 0) else -abs(energy)
+def element_stability(energy: np.float32, present: np.uint8, a: np.uint8, b: np.uint8, sure: bool) -> np.float32:
+    """Stability of an element between two labels by its `edge_energy`, as `find_stabilities` gives it."""
+    uncommitted = SURE if sure & (a == b) & (energy >= 0) else -abs(energy)
     gain = energy if present == _ZERO else -energy
     committed = gain if gain < -TOLERANCE else NO_WISH
-    return uncommitted if present == UNCOMMITTED else committed
+    stability = uncommitted if present == UNCOMMITTED else committed
+    return stability if (a != UNCOMMITTED) & (b != UNCOMMITTED) else NO_WISH
 
 
 @rule
@@ -199,17 +198,37 @@ def element_choice(energy: np.float32, present: np.uint8) -> np.uint8:
     return np.uint8(energy < 0 if present == UNCOMMITTED else present == _ZERO)
 
 
-@loop
+@inlined_rule
+def around_label(state: Flat, frame: Frame, site: int) -> Eight:
+    """The labels up, left, right and down of a pixel, and the elements between; in the order of `label_energy`."""
+    width = frame.width
+    h, v = site + frame.plane, site + 2 * frame.plane
+    return (
+        state[site - width], state[site - 1], state[site + 1], state[site + width],
+        state[h - width], state[v - 1], state[v], state[h],
+    )  # fmt: skip
+
+
+@inlined_rule
+def energy_of_label(observed: np.float32, label: int, around: Eight, weights: Weights) -> np.float32:
+    """Energy of the terms that a pixel is in when it has a label."""
+    up, left, right, down, line_up, line_left, line_right, line_down = around
+    return label_energy(
+        observed, label, up, left, right, down, line_up, line_left, line_right, line_down,
+        weights.beta, weights.sigma, weights.alpha, weights.reciprocal,
+    )  # fmt: skip
+
+
+@rule
 def label_stability(
-    state: Flat, observed: Floats, frame: Frame, weights: Weights, site: int
+    observed: np.float32, present: np.uint8, around: Eight, weights: Weights
 ) -> tuple[np.float32, np.uint8]:
     """Stability and choice of a label, as `find_stabilities` gives them."""
-    present = state[site]
     best = second = NO_WISH
     choice = _ZERO
     own = np.float32(0)
     for label in range(weights.levels):
-        energy = energy_of_label(state, observed, frame, weights, site, label)
+        energy = energy_of_label(observed, label, around, weights)
         if label == present:
             own = energy
         elif energy < best:
@@ -235,14 +254,14 @@ def find_stabilities(block: Block, weights: Weights, sites: Sites, stabilities: 
             energy = edge_energy(state, tables, frame, weights, site)
             pixel, other = pixels_of(site, frame)
             a, b = state[pixel], state[other]
-            g = element_stability(energy, state[site], (a == b) & weights.sure)
-            stabilities[site] = g if (a != UNCOMMITTED) & (b != UNCOMMITTED) else NO_WISH
+            stabilities[site] = element_stability(energy, state[site], a, b, weights.sure)
             choices[site] = element_choice(energy, state[site])
     # Apart, because a call in the loop above, even when not taken, would make it several times as slow.
     if observed.size:
         for site in sites:
             if site < frame.plane:
-                stabilities[site], choices[site] = label_stability(state, observed, frame, weights, site)
+                around = around_label(state, frame, site)
+                stabilities[site], choices[site] = label_stability(observed[site], state[site], around, weights)
 
 
 @loop
@@ -268,3 +287,18 @@ def wishes(block: Block, weights: Weights, stabilities: Floats, choices: Flat, c
         wanting[count] = found
         count += stabilities[found] < NO_WISH
     return wanting[:count]
+
+
+def wanting_marks(block: Block, weights: Weights) -> Marks:
+    """Mark the sites that want to change; arrays of a device stay there."""
+    if on_device(block.state):
+        return device_form(__name__).wanting_marks(block, weights)
+    stabilities, choices = np.empty(block.state.size, np.float32), np.empty(block.state.size, np.uint8)
+    return marks_of(wishes(block, weights, stabilities, choices, True), block)
+
+
+def marks_of(sites: Sites, block: Block) -> Marks:
+    """Mark listed sites."""
+    marks = np.zeros(block.state.size, np.bool_)
+    marks[sites] = True
+    return marks

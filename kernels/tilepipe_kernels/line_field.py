@@ -12,33 +12,34 @@ HCF starts with sites uncommitted, of which no term speaks.  To a lone element b
 the same, so that it would be committed last, by ties, when all edges are drawn.  But the labels already say that
 there is nothing to part: such an element is *sure* and becomes 0 at once.  On photographs that ends in an energy 3 to
 9 % lower than without (``sure=False``, the form of the papers), with a third of the edges and of the rounds.
+
+Arrays of a device stay there, with the very elements of the host; only the serial form has none.
 """
 
 from __future__ import annotations
 
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .annealing import Annealing
-from .compiled import loop
+from .arrays import namespace, on_device
+from .compiled import device_form, loop, rule
 from .edge_model import UNCOMMITTED, EdgeModel, Field, Floats, Window, checked_field, checked_observed
-from .line_energies import Block, Frame, Weights, energy_tables, wishes
-from .line_hcf import parallel_rounds, serial_hcf
+from .line_energies import Block, Frame, Marks, Weights, energy_tables, wanting_marks
+from .line_hcf import parallel_hcf, serial_hcf
 from .line_sites import FRAME, H, Neighbourhoods, V, X, neighbourhoods
-from .line_sweeps import commit_alone, gibbs_class, icm_class
-from .random import as_seed
+from .line_sweeps import classes_of, commit_alone, gibbs_sweeps, icm_sweeps
 
 Method = Literal["parallel", "serial", "icm", "annealing"]
-Marks = NDArray[np.bool_]
 
 ROUNDS = 24
 """Rounds of `parallel` after which, on photographs and noise alike, next to no site wants to change."""
 
-_NOTHING = np.empty(0, np.float32)
 _INNER = slice(FRAME, -FRAME)
 _WHOLE: Window = (slice(None), slice(None))
+_ZERO = np.uint8(0)
 
 
 class LineField(NamedTuple):
@@ -119,15 +120,20 @@ def _existing(has_data: Marks, exists: NDArray[np.bool_], with_labels: bool) -> 
             exists[V, i, j] = here & has_data[i, j + 1]
 
 
+@rule
+def first_element(exists: bool, a: np.uint8, b: np.uint8) -> np.uint8:
+    """Element between two labels to begin with: 0 where it is sure, uncommitted elsewhere."""
+    return _ZERO if exists & (a != UNCOMMITTED) & (a == b) else UNCOMMITTED
+
+
 @loop
-def _part(labels: Field, exists: NDArray[np.bool_], state: NDArray[np.uint8]) -> None:
+def _commit_sure(exists: NDArray[np.bool_], state: NDArray[np.uint8]) -> None:
     """Commit the sure elements: those between equal labels to 0."""
+    labels = state[X]
     for i in range(labels.shape[0] - 1):
         for j in range(labels.shape[1] - 1):
-            known = labels[i, j] != UNCOMMITTED
-            below, right = labels[i, j] == labels[i + 1, j], labels[i, j] == labels[i, j + 1]
-            state[H, i, j] = 0 if exists[H, i, j] & known & below else UNCOMMITTED
-            state[V, i, j] = 0 if exists[V, i, j] & known & right else UNCOMMITTED
+            state[H, i, j] = first_element(exists[H, i, j], labels[i, j], labels[i + 1, j])
+            state[V, i, j] = first_element(exists[V, i, j], labels[i, j], labels[i, j + 1])
 
 
 class _Sites(NamedTuple):
@@ -138,109 +144,97 @@ class _Sites(NamedTuple):
     near: Neighbourhoods
     shape: tuple[int, int]
 
+    def _framed(self, flat: NDArray[Any]) -> NDArray[Any]:
+        """The three fields of a flat array without their frames."""
+        framed = flat.reshape(3, self.shape[0] + 2 * FRAME, self.shape[1] + 2 * FRAME)
+        return framed[:, _INNER, _INNER]
+
     def fields(self) -> list[Field]:
         """X, H and V without their frames; 0 where there is no element."""
-        framed = self.block.state.reshape(3, self.shape[0] + 2 * FRAME, self.shape[1] + 2 * FRAME)
-        x, h, v = (np.ascontiguousarray(field[_INNER, _INNER]) for field in framed)
-        exists = self.block.exists.reshape(framed.shape)[:, _INNER, _INNER]
+        xp = namespace(self.block.state)
+        x, h, v = (xp.ascontiguousarray(field) for field in self._framed(self.block.state))
+        exists = self._framed(self.block.exists)
         h[~exists[H]] = v[~exists[V]] = 0
         return [x, h, v]
 
-    def commit(self, wanting: NDArray[np.int32]) -> NDArray[np.int32]:
-        """Commit what the cap on the rounds left over, elements to 0, labels to the nearest; return all unresolved."""
-        state, observed, frame = self.block.state, self.block.observed, self.block.frame
-        if wanting.size == 0:
+    def commit(self, wanting: Marks) -> Marks:
+        """Commit what the cap on the rounds left over, elements to 0, labels to the nearest; mark all unresolved."""
+        state, observed, plane = self.block.state, self.block.observed, self.block.frame.plane
+        # the host looks once whether anything is left over
+        if not bool(wanting.any()):
             return wanting
-        left = np.flatnonzero(self.block.exists & (state == UNCOMMITTED)).astype(np.int32)
-        state[left[left >= frame.plane]] = 0
-        pixels = left[left < frame.plane]
-        state[pixels] = np.clip(np.rint(observed[pixels]), 0, self.weights.levels - 1).astype(np.uint8)
-        return np.union1d(wanting, left)
+        xp = namespace(state)
+        left = self.block.exists & (state == UNCOMMITTED)
+        state[plane:][left[plane:]] = 0
+        if observed.size:
+            pixels = left[:plane]
+            state[:plane][pixels] = xp.clip(xp.rint(observed[pixels]), 0, self.weights.levels - 1).astype(np.uint8)
+        unresolved: Marks = wanting | left
+        return unresolved
 
-    def count_in(self, sites: NDArray[np.int32], core: Window) -> int:
-        """How many of the sites lie in the core."""
-        row, column = np.divmod(sites % self.block.frame.plane, self.block.frame.width)
-        inside = np.ones(sites.size, np.bool_)
-        for at, part, size in zip((row - FRAME, column - FRAME), core, self.shape, strict=True):
-            first, end, _ = part.indices(size)
-            inside &= (at >= first) & (at < end)
-        return int(inside.sum())
+    def count_in(self, marks: Marks, core: Window) -> int:
+        """How many of the marked sites lie in the core."""
+        return int(namespace(marks).count_nonzero(self._framed(marks)[:, *core]))
 
 
 def _sites(labels: Field, observed: Floats | None, model: EdgeModel, origin: tuple[int, int], sure: bool) -> _Sites:
     """Frame a block: of labels that are given, or only begun with where there are observed grey values."""
+    xp = namespace(labels, observed)
     shape = (labels.shape[0], labels.shape[1])
     near = neighbourhoods(model, integrated=observed is not None)
     framed = shape[0] + 2 * FRAME, shape[1] + 2 * FRAME
     if 3 * framed[0] * framed[1] >= 2**31:
         raise ValueError(f"a block of {shape} pixels is too large: make tiles of at most 26000 pixels a side")
-    state = np.full((3, *framed), UNCOMMITTED)
-    exists = np.zeros(state.shape, np.bool_)
+    state = xp.full((3, *framed), UNCOMMITTED, dtype=np.uint8)
+    exists = xp.zeros(state.shape, dtype=np.bool_)
     state[X, _INNER, _INNER] = labels
-    grey = _NOTHING if observed is None else np.pad(observed, FRAME, constant_values=np.nan)
-    has_data = state[X] != UNCOMMITTED if observed is None else ~np.isnan(grey)
-    state[X][~has_data] = UNCOMMITTED
-    _existing(has_data, exists, observed is not None)
-    if sure:
-        _part(state[X], exists, state)
+    grey = xp.empty(0, dtype=np.float32)
+    if observed is not None:
+        grey = xp.pad(observed, FRAME, constant_values=np.nan)
+        state[X][xp.isnan(grey)] = UNCOMMITTED
+    has_data = state[X] != UNCOMMITTED if observed is None else ~xp.isnan(grey)
+    if on_device(state):
+        device_form(__name__).begin(has_data, exists, state, observed is not None, sure)
+    else:
+        _existing(has_data, exists, observed is not None)
+        if sure:
+            _commit_sure(exists, state)
     frame = Frame(framed[0] * framed[1], framed[1], origin[0] - FRAME, origin[1] - FRAME)
-    offsets, bounds = near.offsets(shape)
-    ranks = np.empty(state.size, np.uint32)
+    offsets, bounds = (xp.asarray(each) for each in near.offsets(shape))
+    ranks = xp.empty(state.size, dtype=np.uint32)
     fields = state.reshape(-1), grey.reshape(-1), exists.reshape(-1)
-    block = Block(*fields, offsets, ranks, bounds, energy_tables(model), frame)
+    block = Block(*fields, offsets, ranks, bounds, xp.asarray(energy_tables(model)), frame)
     return _Sites(block, Weights.of(model, sure), near, shape)
 
 
 # ------------------------------------------------------------------------------------------------- optimisers
 
 
-def _parallel(sites: _Sites, rounds: int, core: Window) -> tuple[int, int]:
-    stabilities, choices = np.empty(sites.block.state.size, np.float32), np.empty(sites.block.state.size, np.uint8)
-    wanting = wishes(sites.block, sites.weights, stabilities, choices, False)
-    made, wanting = parallel_rounds(sites.block, sites.weights, stabilities, choices, wanting, rounds)
-    return made, sites.count_in(sites.commit(wanting), core)
-
-
-def _classes(near: Neighbourhoods) -> list[tuple[int, int, int]]:
-    """Field, colour and modulus of every class, in order."""
-    pairs = zip(near.fields, near.moduli(), strict=True)
-    return [(field, colour, modulus) for field, modulus in pairs for colour in range(modulus)]
-
-
-def _icm(sites: _Sites, rounds: int, core: Window) -> tuple[int, int]:
-    stabilities, choices = np.empty(sites.block.state.size, np.float32), np.empty(sites.block.state.size, np.uint8)
-    classes = _classes(sites.near)
-    made, changes = 0, 1
-    while made < rounds and changes:
-        changes = sum(icm_class(sites.block, sites.weights, *each, stabilities, choices) for each in classes)
-        made += 1
-    wanting = wishes(sites.block, sites.weights, stabilities, choices, True)
-    return made, sites.count_in(wanting, core)
-
-
-def _anneal(sites: _Sites, schedule: Annealing) -> None:
-    seed = as_seed(schedule.seed)
-    for sweep, temperature in enumerate(schedule.temperatures()):
-        for each in _classes(sites.near):
-            gibbs_class(sites.block, sites.weights, *each, temperature, seed, np.uint64(sweep))
+def _descend(sites: _Sites, rounds: int, core: Window, schedule: Annealing | None) -> tuple[int, int]:
+    """Sweeps of icm, of annealing before if there is a schedule."""
+    block, weights, classes = sites.block, sites.weights, classes_of(sites.near)
+    commit_alone(block, weights)
+    if schedule is not None:
+        gibbs_sweeps(block, weights, classes, schedule)
+    made = icm_sweeps(block, weights, classes, rounds)
+    unresolved = sites.count_in(wanting_marks(block, weights), core)
+    return made + (schedule.sweeps if schedule is not None else 0), unresolved
 
 
 def _optimise(sites: _Sites, method: Method, rounds: int, core: Window, annealing: Annealing | None) -> tuple[int, int]:
     """Minimise in place; return the rounds made and the unresolved sites of the core."""
     if rounds < 1:
         raise ValueError(f"rounds must be 1 or more, not {rounds}")
-    if method == "parallel":
-        return _parallel(sites, rounds, core)
+    if method not in get_args(Method):
+        raise ValueError(f"method must be one of {', '.join(get_args(Method))}, not {method!r}")
     if method == "serial":
+        if on_device(sites.block.state):
+            raise ValueError("serial HCF runs on the host alone: move arrays there by to_host, or use another method")
         return serial_hcf(sites.block, sites.weights), 0
-    if method not in ("icm", "annealing"):
-        raise ValueError(f"method must be 'parallel', 'serial', 'icm' or 'annealing', not {method!r}")
-    commit_alone(sites.block, sites.weights)
-    schedule = annealing or Annealing()
-    if method == "annealing":
-        _anneal(sites, schedule)
-    made, unresolved = _icm(sites, rounds, core)
-    return made + (schedule.sweeps if method == "annealing" else 0), unresolved
+    if method == "parallel":
+        made, wanting = parallel_hcf(sites.block, sites.weights, rounds)
+        return made, sites.count_in(sites.commit(wanting), core)
+    return _descend(sites, rounds, core, (annealing or Annealing()) if method == "annealing" else None)
 
 
 def line_field(
@@ -329,7 +323,11 @@ def coupled_fields(
         For an array that is not two-dimensional and real, an unknown method, fewer than 1 round.
     """
     y = checked_observed(observed)
-    x = np.full(y.shape, UNCOMMITTED) if start is None else checked_field("start", start, y.shape, model.levels)
+    x = (
+        namespace(y).full(y.shape, UNCOMMITTED, dtype=np.uint8)
+        if start is None
+        else checked_field("start", start, y.shape, model.levels)
+    )
     sites = _sites(x, y, model, origin, sure)
     made, unresolved = _optimise(sites, method, rounds, core, annealing)
     x, h, v = sites.fields()

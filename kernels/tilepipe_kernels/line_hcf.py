@@ -7,7 +7,8 @@ import heapq
 import numpy as np
 from numpy.typing import NDArray
 
-from .compiled import loop, rule
+from .arrays import on_device
+from .compiled import device_form, loop, rule
 from .hcf import comes_before, site_rank
 from .line_energies import (
     NO_WISH,
@@ -22,6 +23,7 @@ from .line_energies import (
     Weights,
     field_of,
     find_stabilities,
+    marks_of,
     pixels_of,
     wishes,
 )  # fmt: skip
@@ -85,7 +87,7 @@ def _rank(ranks: Ranks, frame: Frame, sites: Sites) -> None:
 
 
 @inlined_rule
-def _is_least(
+def is_least(
     stabilities: Floats, ranks: Ranks, offsets: NDArray[np.int64], bounds: NDArray[np.int64], frame: Frame, site: int
 ) -> bool:
     """Whether a site that wants to change is the least stable of its neighbourhood, ties by rank."""
@@ -106,7 +108,7 @@ def _change_least(block: Block, stabilities: Floats, choices: Flat, wanting: Sit
     count = 0
     for site in wanting:
         changed[count] = site
-        count += (stabilities[site] == SURE) | _is_least(stabilities, ranks, offsets, bounds, frame, site)
+        count += (stabilities[site] == SURE) | is_least(stabilities, ranks, offsets, bounds, frame, site)
     for site in changed[:count]:
         state[site] = choices[site]
     return count
@@ -196,3 +198,26 @@ def parallel_rounds(
         wanting.sort()
         made += 1
     return made, wanting
+
+
+def parallel_hcf(block: Block, weights: Weights, rounds: int) -> tuple[int, Marks]:
+    """Parallel HCF from the committed and uncommitted sites of a block; arrays of a device stay there.
+
+    Parameters
+    ----------
+    block, weights
+        The state is changed.
+    rounds
+        Cap on the rounds.
+
+    Returns
+    -------
+    rounds, wanting
+        Rounds made, and a mark for every site that still wants to change.
+    """
+    if on_device(block.state):
+        return device_form(__name__).parallel_hcf(block, weights, rounds)
+    stabilities, choices = np.empty(block.state.size, np.float32), np.empty(block.state.size, np.uint8)
+    wanting = wishes(block, weights, stabilities, choices, False)
+    made, wanting = parallel_rounds(block, weights, stabilities, choices, wanting, rounds)
+    return made, marks_of(wanting, block)

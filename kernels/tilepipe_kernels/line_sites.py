@@ -29,15 +29,17 @@ _PARALLELS: list[list[Site]] = [[(H, -1, 0), (H, 0, 0), (H, 1, 0)], [(V, 0, -1),
 
 
 def cliques(model: EdgeModel) -> list[list[Site]]:
-    """Sites of every term of the model that an element or label at (0, 0) is in, up to translation."""
+    """Sites of every term of the model that an element or label at (0, 0) is in, up to translation.
+
+    An element waits for its labels, so that they are neighbours even where contrast has no weight.
+    """
     weighted = (
         (model.beta, _PAIR),
-        (model.alpha, _CONTRAST),
         (model.gamma, _CONTINUITY),
         (model.xi, _CORNERS),
         (model.zeta, _PARALLELS),
     )
-    return [clique for weight, kind in weighted for clique in kind if weight > 0]
+    return [*_CONTRAST, *(clique for weight, kind in weighted for clique in kind if weight > 0)]
 
 
 @dataclass(frozen=True)

@@ -230,9 +230,7 @@ def subfield(row: int, column: int) -> int:
 
 
 @rule
-def axis_side(
-    p_row: int, p_column: int, q_row: int, q_column: int, down: int, right: int, apart_squared: float
-) -> int:
+def axis_side(p_row: int, p_column: int, q_row: int, q_column: int, down: int, right: int, apart_squared: float) -> int:
     """Which of p and q = p + (down, right) is on the integer medial axis: 1 for p, 2 for q, 0 for neither.
 
     Hesselink & Roerdink's rule: the one nearer to the bisector of the two nearest background pixels, given by

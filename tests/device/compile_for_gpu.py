@@ -42,6 +42,11 @@ def kept(folder: Path) -> dict[tuple[str, str], set[tuple[Any, ...]]]:
     return found
 
 
+def fused_if_allowed(values: Any) -> None:
+    """A product and a sum that the compiler would fuse."""
+    values[0] = values[1] * values[2] + values[3]
+
+
 def compile_all(folder: Path) -> list[str]:
     """Compile all; what failed, in words."""
     from numba import cuda, types
@@ -55,6 +60,13 @@ def compile_all(folder: Path) -> list[str]:
     # rules that a kernel calls are compiled for the current device, and there is none
     dispatcher.get_current_device = lambda: Device
     failed, count, start = [], 0, time.perf_counter()
+    with ExactProducts():
+        code, _ = cuda.compile(
+            fused_if_allowed, types.void(types.float32[::1]), cc=COMPUTE_CAPABILITY, device=False, abi="numba",
+            output="ptx",
+        )  # fmt: skip
+    if _FUSED.search(str(code)):
+        failed.append("compiled.ExactProducts no longer keeps products and sums apart: results will not be the CPU's")
     for (module, name), launches in sorted(kept(folder).items()):
         function = getattr(importlib.import_module(module), name).function
         for argument_types in sorted(launches, key=str):
