@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from tilepipe.grid import Tile, Window
 from tilepipe_kernels import levels
+from tilepipe_kernels.arrays import namespace
 
 _ROWS = 4
 """The noise is measured on every so-maniest global row."""
@@ -29,7 +30,8 @@ def count_differences(values: NDArray[np.float32], tile: Tile) -> NDArray[np.int
     """
     core = tile.core_in_padded
     beside = Window(core.top, core.left, core.bottom, min(core.right + 1, values.shape[1]))
-    return levels.histogram(np.abs(np.diff(values[beside.slices][-tile.core.top % _ROWS :: _ROWS], axis=1)))
+    xp = namespace(values)
+    return levels.histogram(xp.abs(xp.diff(values[beside.slices][-tile.core.top % _ROWS :: _ROWS], axis=1)))
 
 
 def noise(counts: NDArray[np.int64]) -> float:

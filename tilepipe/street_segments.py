@@ -75,7 +75,7 @@ def ground_reach(parameters: StreetParameters, resolution: float) -> int:
 def segment(context: SegmentContext, tile: Tile) -> Facts:
     """Tile function: diffuse, grow regions, keep the grey values of regions; facts are the region table and edges."""
     values = to_backend(context.raster.read(tile.padded), context.backend)
-    missing = np.isnan(values[tile.core_in_padded.slices])
+    missing = namespace(values).isnan(values[tile.core_in_padded.slices])
     grey = context.scale.apply(values)
     smooth = _smooth(context, tile, grey)
     if context.heights is not None:

@@ -115,11 +115,43 @@ DEVICE_FUNCTIONS = frozenset(
 
 
 class SimulatedArray(np.ndarray):
-    """A numpy array that stands for one on the device where numba simulates CUDA."""
+    """A numpy array that stands for one on the device where numba simulates CUDA.
+
+    As cupy does, it takes no part in functions that it has no counterpart of, nor in any with arrays of the host.
+    """
 
     def get(self) -> NDArray[Any]:
         """Copy on the host, as of a cupy array."""
         return np.array(self, subok=False)
+
+    def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **options: Any) -> Any:
+        given = [*inputs, *options.get("out", ())]
+        if strangers := [each for each in given if _is_host_array(each)]:
+            raise TypeError(f"numpy.{ufunc.__name__}: host array of shape {strangers[0].shape} meets one of the device")
+        if "out" in options:
+            options["out"] = tuple(plain(each) for each in options["out"])
+            getattr(ufunc, method)(*map(plain, inputs), **options)
+            return given[-1]
+        return _simulated(getattr(ufunc, method)(*map(plain, inputs), **options))
+
+    def __array_function__(self, function: Any, types: Any, arguments: Any, options: Any) -> Any:
+        if function.__name__ not in DEVICE_FUNCTIONS:
+            raise TypeError(f"device code may not use numpy.{function.__name__}; see arrays.DEVICE_FUNCTIONS")
+        if any(issubclass(kind, np.ndarray) and kind is not SimulatedArray for kind in types):
+            raise TypeError(f"numpy.{function.__name__}: arrays of the host and of the device are mixed")
+        # numpy's own code is not device code: inside it all arrays are plain
+        return _simulated(function(*plain(arguments), **{name: plain(value) for name, value in options.items()}))
+
+
+def _is_host_array(value: Any) -> bool:
+    return isinstance(value, np.ndarray) and not isinstance(value, SimulatedArray) and value.ndim > 0
+
+
+def plain(value: Any) -> Any:
+    """A simulated device array as the numpy array that it is, in a list or tuple too; anything else as it is."""
+    if type(value) in (list, tuple):
+        return type(value)(plain(each) for each in value)
+    return value.view(np.ndarray) if isinstance(value, SimulatedArray) else value
 
 
 class _SimulatedNamespace:

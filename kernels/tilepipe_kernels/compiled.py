@@ -13,7 +13,7 @@ from typing import Any, TypeVar, cast
 
 import numba
 
-from .arrays import device_namespace, simulating
+from .arrays import device_namespace, plain, simulating
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -73,14 +73,15 @@ class Grid:
             self._launch(blocks, threads, arguments)
 
     def _launch(self, blocks: Any, threads: Any, arguments: tuple[Any, ...]) -> None:
-        types = _types(arguments) if simulating() else ()
-        if self._kernel is None or simulating():
-            self._prepare(types)
         if simulating():
-            # the simulator swaps names of the function's module while it runs
+            arguments = tuple(plain(argument) for argument in arguments)
+            self._prepare(_types(arguments))
+            # one at a time, for the simulator keeps what runs in a global name
             with _SIMULATOR:
                 self._kernel[blocks, threads](*arguments)
             return
+        if self._kernel is None:
+            self._prepare(())
         with ExactProducts():
             self._kernel[blocks, threads, _stream()](*arguments)
 

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .annealing import Annealing
-from .arrays import namespace, on_device
+from .arrays import as_array, namespace, on_device
 from .compiled import device_form, loop, rule
 from .edge_model import UNCOMMITTED, EdgeModel, Field, Floats, Window, checked_field, checked_observed
 from .line_energies import Block, Frame, Marks, Weights, energy_tables, wanting_marks
@@ -279,7 +279,7 @@ def line_field(
     ValueError
         For labels that are not a two-dimensional array of 0..K - 1 or 255, an unknown method, fewer than 1 round.
     """
-    shape = np.shape(labels)
+    shape = as_array(labels).shape
     if len(shape) != 2:
         raise ValueError(f"labels must be two-dimensional, not of shape {shape}")
     x = checked_field("labels", labels, shape, model.levels)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..arrays import namespace
+from ..arrays import namespace, to_host
 from ..compiled import grid
 from ..cuda import cuda
 from ..skeleton import (
@@ -102,7 +102,7 @@ def thin(
     place = inside[order]
     pixels = ((place // columns + 1) * stride + place % columns + 1).astype(xp.int32)
     # the one transfer of the thinning: where each layer of each subfield begins, a few hundred numbers
-    starts = [0, *to_list(xp.cumsum(xp.bincount(buckets, minlength=SUBFIELDS * layers)))]
+    starts = [0, *to_host(xp.cumsum(xp.bincount(buckets, minlength=SUBFIELDS * layers))).tolist()]
     simple, removable = xp.asarray(IS_SIMPLE), xp.asarray(IS_REMOVABLE)
 
     def peel(first: int, end: int, deletable: Any) -> None:
@@ -117,11 +117,6 @@ def thin(
     for _ in range(CLEANING_SWEEPS):
         for field in range(SUBFIELDS):
             peel(starts[field * layers], starts[(field + 1) * layers], removable)
-
-
-def to_list(values: Any) -> list[int]:
-    """Whole numbers of a small device array."""
-    return [int(value) for value in values.get()]
 
 
 @grid
