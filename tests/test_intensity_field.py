@@ -6,7 +6,7 @@ from typing import Any, get_args
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -92,6 +92,7 @@ def test_serial_and_icm_are_their_definitions(problem: dict[str, Any], origin: t
 
 @settings(max_examples=40, deadline=None)
 @given(PROBLEMS, ORIGINS, st.integers(0, 4), st.integers(0, 2))
+@example(costs(9, (5, 9), 2, 3, 0.2, weighted=False), (0, 0), 1, 2)  # blocks beside each other without a pair
 def test_messages_are_their_definition(
     problem: dict[str, Any], origin: tuple[int, int], rounds: int, scales: int
 ) -> None:

@@ -31,9 +31,10 @@ class Problem:
     def neighbours(self, s: Site) -> Iterator[tuple[Site, NDArray[Any]]]:
         for di, dj in ((-1, 0), (0, -1), (0, 1), (1, 0)):
             t = (s[0] + di, s[1] + dj)
-            if t in self.sites:
-                weight = (self.down_weight if di else self.right_weight)[min(s, t)]
-                yield t, weight * self.tables[(self.down if di else self.right)[min(s, t)]]
+            kind = (self.down if di else self.right)[min(s, t)] if t in self.sites else -1
+            # blocks can lie side by side without a pair of pixels between them
+            if kind >= 0:
+                yield t, (self.down_weight if di else self.right_weight)[min(s, t)] * self.tables[kind]
 
     def rank(self, s: Site) -> int:
         return int(site_rank(s[0] + self.origin[0], s[1] + self.origin[1]))
@@ -98,13 +99,13 @@ class Problem:
         last = self.block((self.unary.shape[0] - 1, self.unary.shape[1] - 1))
         shape = (last[0] + 1, last[1] + 1)
         unary = np.full((*shape, len(self.labels)), np.nan)
-        kinds, weights, heaviest = np.zeros((2, *shape), int), np.zeros((2, *shape)), np.full((2, *shape), -1.0)
+        kinds, weights, heaviest = np.full((2, *shape), -1), np.zeros((2, *shape)), np.full((2, *shape), -1.0)
         for s in self.sites:
             unary[self.block(s)] = np.nan_to_num(unary[self.block(s)]) + self.unary[s]
         for axis, kind, weight in ((0, self.down, self.down_weight), (1, self.right, self.right_weight)):
             for s in self.sites:
                 t = (s[0] + 1 - axis, s[1] + axis)
-                if t in self.sites and self.block(s) != self.block(t):
+                if t in self.sites and kind[s] >= 0 and self.block(s) != self.block(t):
                     at = (axis, *self.block(s))
                     weights[at] += weight[s]
                     if weight[s] > heaviest[at]:
