@@ -222,8 +222,10 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--rounds", type=int, default=5, help="repetitions of each timing")
     parser.add_argument("--only", default="", help="kernels whose name holds this")
     parser.add_argument("--no-pipelines", action="store_true", help="kernels only")
-    parser.add_argument("--out", type=Path, help="folder of the page; by default this one, and none with --only")
+    parser.add_argument("--out", type=Path, help="folder of the page; benchmarks/ unless given, none with --only")
     options = parser.parse_args(arguments)
+    if min(options.size, options.checked_size, options.host_size, options.rounds) < 1:
+        parser.error("sizes and rounds must be 1 or more")
     try:
         arrays.device_namespace()
     except ValueError as error:

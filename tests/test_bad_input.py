@@ -139,7 +139,9 @@ def test_no_crs(monkeypatch, capsys, tmp_path):
 
 def test_geographic_crs(monkeypatch, capsys, tmp_path):
     raster = write_raster(tmp_path / "a.tif", VALUES, crs="EPSG:4326", pixel=1e-5, origin=(4.0, 52.0))
-    assert "is in degrees" in refused(monkeypatch, capsys, tmp_path / "run", raster)
+    message = refused(monkeypatch, capsys, tmp_path / "run", raster)
+    assert "is in degrees" in message
+    assert "--dst-crs EPSG:32631" in message
 
 
 @pytest.mark.parametrize(

@@ -104,3 +104,15 @@ def test_plan_counts_the_memory_of_the_gpu(monkeypatch: pytest.MonkeyPatch, tmp_
     with pytest.raises(InputError, match=r"needs about \d+ KiB of the GPU's memory, which has 1000 B; use a smaller"):
         streets(raster, out=tmp_path / "run", options=RunOptions(backend="cupy"))
     assert not (tmp_path / "run").exists()
+
+
+def test_memory_that_no_tile_size_saves_is_said(tmp_path: Path) -> None:
+    from tests.scenes import write_raster
+    from tilepipe import plan_streets
+
+    raster = write_raster(tmp_path / "scene.tif", np.ones((64, 64), np.float32))
+    options = RunOptions(memory=100 << 20)
+    plan = plan_streets(raster, options=options)
+    with pytest.raises(InputError, match=r"at least \d+ MiB whatever the tiles"):
+        plan.check(options)
+    assert "would be refused" in plan.text()

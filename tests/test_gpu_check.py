@@ -153,4 +153,11 @@ def test_without_a_gpu_there_is_one_clear_line(
     assert printed.out == ""
     (line,) = printed.err.splitlines()
     assert line.startswith("scripts/gpu-check: cupy ")
-    assert "use the backend numpy" in line
+
+
+@pytest.mark.parametrize("option", ["--size", "--checked-size", "--host-size", "--rounds"])
+def test_nothing_is_not_compared(option: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        gpu_check.main([*TINY, option, "0"])
+    assert ended.value.code == 2
+    assert "must be 1 or more" in capsys.readouterr().err

@@ -106,8 +106,8 @@ def check_geometry(
         raise InputError(f"{name}: {system.name} is no map projection; reproject it to a projected CRS first")
     if system.is_geographic:
         raise InputError(
-            f"{name}: is in degrees ({system.name}); reproject it to a projected CRS first, "
-            "for example with: gdalwarp -t_srs EPSG:n IN OUT"
+            f"{name}: is in degrees ({system.name}); reproject it to a projected CRS first, for example with: "
+            f"rio warp IN OUT --dst-crs {utm_zone(c, f)} --dst-nodata 0"
         )
     if b or d:
         raise InputError(f"{name}: is rotated; resample it north-up first, for example with gdalwarp")
@@ -144,6 +144,12 @@ def split_crs(crs: CRS) -> tuple[CRS, Axis | None]:
     if not crs.is_geocentric and len(crs.axis_info) == 3:
         return crs.to_2d(), crs.axis_info[2]
     return crs, None
+
+
+def utm_zone(longitude: float, latitude: float) -> str:
+    """EPSG code of the UTM zone of a place in degrees."""
+    zone = int((longitude + 180) // 6) % 60 + 1
+    return f"EPSG:{327 if latitude < 0 else 326}{zone:02d}"
 
 
 def check_named_crs(name: str, named: CRS, given: CRS) -> None:

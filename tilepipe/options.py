@@ -107,7 +107,7 @@ class RunOptions:
         try:
             return choose_backend(self.backend)
         except ValueError as error:
-            raise InputError(f"backend '{self.backend}' does not work here: {error}") from None
+            raise InputError(f"backend '{self.backend}' does not work here: {error}; or use --backend numpy") from None
 
     @property
     def device_memory(self) -> int:

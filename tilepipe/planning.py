@@ -65,6 +65,11 @@ class Plan:
         interpreters = 1 + (self.workers if self.processes else 0)
         return _BASE * interpreters + max(p.memory for p in self.passes) + self.global_memory + self.export_memory
 
+    @property
+    def least_memory(self) -> int:
+        """What is needed besides the tiles, in bytes."""
+        return self.memory - max(p.memory for p in self.passes)
+
     def check(self, options: RunOptions) -> None:
         """Refuse a run that needs more memory than allowed.
 
@@ -75,6 +80,11 @@ class Plan:
         """
         if self.memory <= options.memory:
             return
+        if self.least_memory > options.memory:
+            raise InputError(
+                f"the run needs at least {format_memory(self.least_memory)} whatever the tiles, for libraries and "
+                f"export, but --memory is {format_memory(options.memory)}; use a larger --memory"
+            )
         fewer = f", or fewer workers than {self.workers}" if self.workers > 1 else ""
         raise InputError(
             f"the run needs about {format_memory(self.memory)} but --memory is {format_memory(options.memory)}; "
@@ -111,8 +121,11 @@ class Plan:
         lines.append(f"{'export':<34}{format_memory(self.export_memory):>12}")
         lines.append(
             f"peak memory about {format_memory(self.memory)} with {counted(self.workers, 'worker')} "
-            f"(global facts {format_memory(self.global_memory)}); limit {format_memory(self.limit)}"
+            f"(libraries {format_memory(_BASE)}, global facts {format_memory(self.global_memory)}); "
+            f"limit {format_memory(self.limit)}"
         )
+        if self.memory > self.limit:
+            lines.append("this is more than --memory allows: the run would be refused")
         return "\n".join(lines)
 
 

@@ -253,12 +253,12 @@ def why_no_device() -> str:
     try:
         import cupy
     except ImportError as error:
-        return f"cupy cannot be imported ({error}): install tilepipe[gpu], or use the backend numpy"
+        return f"cupy cannot be imported ({error}): pip install '.[gpu]' in the checkout brings it"
     try:
         count = cupy.cuda.runtime.getDeviceCount()
     except cupy.cuda.runtime.CUDARuntimeError as error:
-        return f"cupy finds no usable NVIDIA GPU ({error}): use the backend numpy"
-    return "" if count else "cupy finds no NVIDIA GPU: use the backend numpy"
+        return f"cupy finds no usable NVIDIA GPU ({error})"
+    return "" if count else "cupy finds no NVIDIA GPU"
 
 
 def choose_backend(wanted: str) -> Backend:
@@ -318,11 +318,16 @@ def device_memory() -> int:
     return 1 << 40 if simulating() else int(device_namespace().cuda.Device().mem_info[1])
 
 
+_DEVICE_ERRORS = frozenset(("OutOfMemoryError", "CUDARuntimeError", "CUDADriverError", "CudaAPIError", "CUDAError"))
+"""Errors of cupy, of numba and of what launches numba's grids, among them those of memory that is too small."""
+
+
 def is_out_of_memory(error: BaseException) -> bool:
     """Whether an error says that the memory of the device, or its limit, is too small."""
-    return isinstance(error, DeviceMemoryError) or (
-        type(error).__name__ in ("OutOfMemoryError", "CudaAPIError") and "memory" in str(error).lower()
-    )
+    text = str(error).lower().replace("_", " ")
+    # a wrong address of memory is another matter
+    too_small = "out of memory" in text or "memoryallocation" in text
+    return isinstance(error, DeviceMemoryError) or (type(error).__name__ in _DEVICE_ERRORS and too_small)
 
 
 class DeviceMemoryError(MemoryError):
