@@ -91,14 +91,18 @@ def on_device(compute: Callable[[], Result], tile: Tile, limit: int) -> Result:
 
 
 @contextmanager
-def fitting(what: str, advice: str) -> Iterator[None]:
+def fitting(what: str, advice: str, backend: arrays.Backend) -> Iterator[None]:
     """Say what to do when something that is no tile does not fit in the memory of the device.
+
+    With the backend cupy it begins with what the tiles have left free.
 
     Raises
     ------
     InputError
         Instead of the error of the device's memory.
     """
+    if backend == "cupy":
+        arrays.free_device_memory()
     try:
         yield
     except Exception as error:

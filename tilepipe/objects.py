@@ -203,7 +203,8 @@ class _Job(Job):
         with run.timed("merge"):
             given_up = [graph]
             del graph  # nobody holds the graph of the leaves any more once it has merged
-            with fitting("the region graph", "use larger leaves (smallest_leaf) or --backend numpy"):
+            advice = "use larger leaves (smallest_leaf) or --backend numpy"
+            with fitting("the region graph", advice, self.graph_backend):
                 merged = merge_regions(
                     given_up.pop(),
                     leaves.first,

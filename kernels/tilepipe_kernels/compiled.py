@@ -9,6 +9,7 @@ from __future__ import annotations
 import importlib
 import threading
 from collections.abc import Callable
+from functools import lru_cache
 from typing import Any, TypeVar, cast
 
 import numba
@@ -92,8 +93,13 @@ class Grid:
             if self._kernel is None:
                 # launches and cupy's calls share a stream, so that nothing has to wait in between
                 setattr(config, "CUDA_ARRAY_INTERFACE_SYNC", False)  # noqa: B010
-                # compiled code is kept on disk, as the loops of the CPU are
-                self._kernel = cuda.jit(self.function) if simulating() else cuda.jit(cache=True)(self.function)
+                # small grids are meant: tables of few rows, one block that colours
+                setattr(config, "CUDA_LOW_OCCUPANCY_WARNINGS", False)  # noqa: B010
+                # Compiled code is kept on disk, as the loops of the CPU are.  Optimised at link time it would be
+                # compiled by the linker, which `ExactProducts` does not reach and which fuses products; `jit` hands
+                # that option on only where it gets the function in the same call.
+                options = {} if simulating() else {"cache": True, "lto": False}
+                self._kernel = cuda.jit(self.function, **options)
             if types:
                 place = (self.function.__module__, self.function.__qualname__)
                 LAUNCHED.setdefault(place, set()).add(types)
@@ -112,10 +118,20 @@ def _types(arguments: tuple[Any, ...]) -> tuple[Any, ...]:
     return tuple(typeof(argument) for argument in arguments)
 
 
+_DEFAULT_STREAM = 1
+"""Handle of the default stream for those who must name one (CUDA's CU_STREAM_LEGACY): cupy warns of 0."""
+
+
 def _stream() -> Any:
+    return _numba_stream(device_namespace().cuda.get_current_stream().ptr or _DEFAULT_STREAM)
+
+
+@lru_cache(maxsize=256)
+def _numba_stream(pointer: int) -> Any:
+    """Stream of cupy as numba takes it: the same object every time, for by it numba keeps how to launch a grid."""
     from numba import cuda
 
-    return cuda.external_stream(device_namespace().cuda.get_current_stream().ptr)
+    return cuda.external_stream(pointer)
 
 
 class ExactProducts:

@@ -132,16 +132,31 @@ def minimise(
 ) -> Labels:
     """Minimise Σ U_s(x_s) + Σ w_st V_st(x_s, x_t) over the labels of pixels and pairs of 4-adjacent ones.
 
-    `label_energy.label_energy` gives the energy of a result.
+    `tilepipe_kernels.label_energy.label_energy` gives the energy of a result.
 
     Parameters
     ----------
-    unary, pairwise, down, right, down_weight, right_weight, origin
-        The costs, as for `labelling.labelling`: unary U (rows, columns, K), NaN = no data; a symmetric table V (K, K)
-        or several (T, K, K), from which `down` and `right` choose for each pair; weights w (rows, columns) of the
-        pairs of each pixel and the one below, or right of it, 1 unless given: contrast-sensitive smoothness, say.
+    unary
+        U, real, shape (rows, columns, K), K from 2 to 254, computed in float32: cost of each label of each pixel.  A
+        pixel with ONE label of NaN has no data at all: it takes no label and has no pairs.  For a label that a pixel
+        cannot have, give a large finite cost instead, such as 1e6; infinite ones are refused.
+    pairwise
+        V, shape (K, K), finite and symmetric: cost of the labels of two pixels side by side.  Or (T, K, K), several.
+    down, right, down_weight, right_weight
+        Shape (rows, columns): which table the pair of each pixel and the one below, or right of it, takes (the first
+        unless given), and weights w >= 0 of these pairs (1 unless given): contrast-sensitive smoothness, say.  See
+        `tilepipe_kernels.labelling.labelling`.
+    origin
+        Global row and column of the block's first pixel: by it ties are broken and random numbers drawn.
     method
-        Optimiser, see the module.
+        Optimiser:
+
+        - ``parallel``: Highest Confidence First (HCF) in rounds; the fastest, for strong data.
+        - ``messages``: reweighted messages, then rounds of descent; the lowest energies, with many labels, much
+          noise or weak data above all.
+        - ``icm``: iterated conditional modes; the plainest, ends highest as a rule.
+        - ``annealing``: Gibbs sampler at falling temperatures, then rounds of descent; slow, and needs `annealing`.
+        - ``serial``: HCF with a heap, of arrays of the host alone; it has no `halo`, so that tiles would show.
     rounds
         Cap on the rounds of HCF and of descent, and on the sweeps of icm.
     start
@@ -150,7 +165,9 @@ def minimise(
     core
         Rows and columns whose unresolved pixels are counted; elsewhere the block goes on for `halo` pixels.
     annealing
-        Schedule of that method.
+        Schedule of that method, `tilepipe_kernels.annealing.Annealing`: ``Annealing(sweeps=100, hot=1.0, cold=0.05,
+        seed=0)`` unless given.  Temperatures are in units of the energy: with costs of about 20 a start at 1 is
+        nearly a quench, so `hot` should be of the size of the cost of one pair of unequal labels.
     messages
         Rounds of messages of that method, on each grid.
     scales
@@ -160,12 +177,27 @@ def minimise(
     Returns
     -------
     Labels
+        `tilepipe_kernels.labelling.Labels` with the fields ``labels``, uint8 (rows, columns), 0 to K - 1 and 255 = no
+        data; ``rounds``, how many rounds or sweeps were made (of the serial form: changes); ``unresolved``, how many
+        pixels of the core still wanted to change then, 0 = a local minimum.
 
     Raises
     ------
     ValueError
         For costs that do not fit together or are not finite, an unknown method, a number of rounds below 1, scales
         below 0; for the serial form of arrays of a device.
+
+    Examples
+    --------
+    Two labels, of grey value 0 and 1, and a cost of 0.5 where neighbours differ: the lone 0.9 is taken for noise.
+
+    >>> import numpy as np
+    >>> from tilepipe_kernels.intensity_field import minimise
+    >>> grey = np.array([[0.1, 0.9, 0.0, 1.0], [0.0, 0.2, 0.1, 0.8]])
+    >>> unary = (grey[:, :, None] - [0, 1]) ** 2
+    >>> minimise(unary, 0.5 * (1 - np.eye(2))).labels
+    array([[0, 0, 0, 1],
+           [0, 0, 0, 1]], dtype=uint8)
     """
     problem = labelling(
         unary, pairwise, down=down, right=right, down_weight=down_weight, right_weight=right_weight, origin=origin

@@ -13,9 +13,17 @@ Sites = Any
 
 @cuda.jit(device=True)
 def root_of(parent: Sites, site: int) -> int:
-    """Smallest site known to be united with this one."""
-    while parent[site] != site:
-        site = parent[site]
+    """Smallest site known to be united with this one.
+
+    On the way every site is hung on its parent's parent: rows of united sites begin as chains, which all their threads
+    halve at once.  What a thread writes over is a longer way to the same root, whoever has written it.
+    """
+    above = parent[site]
+    while above != site:
+        further = parent[above]
+        if further < above:
+            parent[site] = further
+        site, above = above, further
     return site
 
 
