@@ -7,7 +7,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,9 @@ from tilepipe.picture_frame import (
     busiest_window,
     draw_frame,
     draw_scale_bar,
+    draw_swatches,
+    nodata_patch,
+    pen,
     recorded_inputs,
     write_header,
 )
@@ -32,18 +35,22 @@ from tilepipe.picture_frame import (
 if TYPE_CHECKING:
     from geopandas import GeoDataFrame
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 EDGE_COLOUR, BORDER_COLOUR, NEVATIA_BABU_COLOUR = "#0a84ff", "#ff5a1f", "#ffc400"
 _LONGEST_SIDE, _PANEL_SIDE, _GAP, _CAPTION = 1800, 880, 30, 30
 _DETAIL = 200.0
 """Side of the part in metres."""
 _MOST_LINES = 100_000
-_DARKEST, _BRIGHTEST, _UNKNOWN = 45, 245, 128
+_DARKEST, _BRIGHTEST, _NODATA = 45, 245, 0
 
 
 @dataclass(frozen=True)
 class _EdgesRun:
-    """What the pictures need of a run's folder; ``pixel`` is in CRS units, ``metres`` the length of such a unit."""
+    """What the pictures need of a run's folder.
+
+    ``pixel`` is in CRS units, ``metres`` the length of such a unit, ``levels`` the number of grey levels.
+    """
 
     folder: Path
     bounds: Bounds
@@ -51,6 +58,7 @@ class _EdgesRun:
     pixel: float
     metres: float
     crs_name: str
+    levels: int
     edges: GeoDataFrame
     nevatia_babu: GeoDataFrame | None
 
@@ -73,9 +81,11 @@ class _Panel:
     caption
         Written above it.
     grey
-        The picture below the lines.
+        The picture below the lines; 0 = nodata.
     layers
         Label, colour and lines, from the lowest to the top.
+    levels
+        How many levels ``grey`` shows; 0 where it is a photograph.
     frame
         The part that the other picture shows.
     """
@@ -83,6 +93,7 @@ class _Panel:
     caption: str
     grey: NDArray[np.uint8]
     layers: Sequence[tuple[str, str, GeoDataFrame]]
+    levels: int = 0
     frame: Bounds | None = None
 
 
@@ -107,10 +118,12 @@ def edge_pictures(run_dir: str | os.PathLike[str]) -> list[Path]:
         f"{columns:,} × {rows:,} pixels of {run.pixel * run.metres:.2f} m   |   {run.crs_name}"
     )
     window = _busy_part(run)
-    whole = _Panel("", _levels(run, run.bounds, shape), _edge_layers(run.edges), frame=window)
+    frame = None if window == run.bounds else window
+    whole = _Panel("", _levels(run, run.bounds, shape), _edge_layers(run.edges), run.levels, frame)
     pictures = [_draw(run, "quicklook.png", run.bounds, [whole], run.title, facts)]
     grey, shown = _background(run, window)
-    panels = [_Panel("Bayesian model: line field", grey, _edge_layers(run.edges))]
+    levels = run.levels if shown == "levels" else 0
+    panels = [_Panel("Bayesian model: line field", grey, _edge_layers(run.edges), levels)]
     if run.nevatia_babu is not None:
         panels.append(_Panel("Nevatia–Babu", grey, [("edge", NEVATIA_BABU_COLOUR, run.nevatia_babu)]))
     rows, columns = grey.shape
@@ -122,6 +135,7 @@ def edge_pictures(run_dir: str | os.PathLike[str]) -> list[Path]:
 def _open_run(folder: Path) -> _EdgesRun:
     import rasterio
 
+    from tilepipe.run import RECORD, read_record
     from tilepipe.vector_layers import metres_per_unit, read_vectors, run_table
 
     table, raster = run_table(folder, "edges"), folder / "segments.tif"
@@ -137,6 +151,7 @@ def _open_run(folder: Path) -> _EdgesRun:
         pixel,
         metres_per_unit(crs, str(raster)),
         edges.crs.name,
+        read_record(folder / RECORD)["parameters"]["levels"],
         edges,
         None if other is None else read_vectors(other, "result").to_crs(crs),
     )
@@ -167,9 +182,14 @@ def _levels(run: _EdgesRun, bounds: Bounds, shape: tuple[int, int]) -> NDArray[n
         window = from_bounds(*bounds, transform=raster.transform)
         levels = raster.read(1, window=window, out_shape=shape, resampling=Resampling.nearest)
         missing = levels == raster.nodata
-    brightest = max(int(levels[~missing].max(initial=1)), 1)
-    grey = _DARKEST + levels.astype(np.float32) * ((_BRIGHTEST - _DARKEST) / brightest)
-    return np.where(missing, _UNKNOWN, grey).astype(np.uint8)
+    greys = np.full(256, _NODATA, np.uint8)
+    greys[: run.levels] = _level_greys(run.levels)
+    return greys[np.where(missing, 255, levels)]
+
+
+def _level_greys(number: int) -> NDArray[np.uint8]:
+    """Greys of the levels, darkest first."""
+    return np.linspace(_DARKEST, _BRIGHTEST, number).astype(np.uint8)
 
 
 def _window(run: _EdgesRun, bounds: Bounds) -> Window:
@@ -191,7 +211,7 @@ def _background(run: _EdgesRun, bounds: Bounds) -> tuple[NDArray[np.uint8], str]
         return _levels(run, bounds, window.shape), "levels"
     low, high = np.percentile(values[known], (1, 99))
     grey = 20 + 215 * np.clip((values - low) / max(high - low, 1e-12), 0, 1)
-    return np.where(known, grey, _UNKNOWN).astype(np.uint8), "photograph"
+    return np.where(known, grey, _NODATA).astype(np.uint8), "photograph"
 
 
 def _photograph(run: _EdgesRun, window: Window) -> NDArray[np.float32]:
@@ -226,10 +246,11 @@ def _draw(run: _EdgesRun, name: str, bounds: Bounds, panels: Sequence[_Panel], t
     figure = Figure(figsize=(wide / DPI, high / DPI), dpi=DPI, facecolor="white")
     FigureCanvasAgg(figure)
     left = (wide - maps) / 2 / wide
+    panels = [replace(panel, layers=_drawn(panel.layers, bounds)) for panel in panels]
     for number, panel in enumerate(panels):
         begin = left + number * (width + _GAP) / wide
         axes = figure.add_axes((begin, FOOTER / high, width / wide, height / high))
-        _draw_panel(axes, panel, bounds, (bounds[2] - bounds[0]) * run.metres / width)
+        _draw_panel(axes, panel, bounds, (bounds[2] - bounds[0]) / width, run.metres)
         if panel.caption:
             y = (FOOTER + height + 15) / high
             figure.text(begin, y, panel.caption, fontsize=13, fontweight="bold", color=INK, va="center")
@@ -241,20 +262,41 @@ def _draw(run: _EdgesRun, name: str, bounds: Bounds, panels: Sequence[_Panel], t
     return run.folder / name
 
 
-def _draw_panel(axes: Axes, panel: _Panel, bounds: Bounds, metres_per_pixel: float) -> None:
+def _drawn(layers: Sequence[tuple[str, str, GeoDataFrame]], bounds: Bounds) -> list[tuple[str, str, GeoDataFrame]]:
+    """Keep the lines inside, of too many the longest, and the layers that have any."""
+    drawn = []
+    for label, colour, lines in layers:
+        inside = lines.cx[bounds[0] : bounds[2], bounds[1] : bounds[3]]
+        if len(inside) > _MOST_LINES:
+            longest = np.argsort(-inside.length.to_numpy(), kind="stable")[:_MOST_LINES]
+            inside, label = inside.iloc[longest], f"{label} (the {_MOST_LINES:,} longest)"
+        if len(inside):
+            drawn.append((label, colour, inside))
+    return drawn
+
+
+def _draw_panel(axes: Axes, panel: _Panel, bounds: Bounds, pixel: float, metres: float) -> None:
+    """Draw one map; ``pixel`` of the picture in CRS units, ``metres`` the length of such a unit."""
     import shapely
     from matplotlib.collections import LineCollection
 
+    area = (bounds[2] - bounds[0]) * (bounds[3] - bounds[1])
     extent = (bounds[0], bounds[2], bounds[1], bounds[3])
-    axes.imshow(panel.grey, cmap="gray", vmin=0, vmax=255, extent=extent, aspect="auto", interpolation="antialiased")
-    # many lines on few pixels want a finer pen
-    pen = float(np.clip(2.4 - 2 * metres_per_pixel, 0.7, 2.4))
+    if (panel.grey == _NODATA).any():
+        axes.add_patch(nodata_patch(bounds))
+    grey = np.ma.masked_equal(panel.grey, _NODATA)
+    axes.imshow(grey, cmap="gray", vmin=0, vmax=255, extent=extent, aspect="auto", interpolation="antialiased")
     for number, (_, colour, lines) in enumerate(panel.layers):
-        inside = lines.cx[bounds[0] : bounds[2], bounds[1] : bounds[3]].geometry
-        longest = np.argsort(-inside.length.to_numpy(), kind="stable")[:_MOST_LINES]
-        parts = [shapely.get_coordinates(line) for line in inside.iloc[longest]]
-        axes.add_collection(LineCollection(parts, colors=colour, linewidths=pen * (1 + 0.5 * number), capstyle="round"))
-    if panel.frame is not None and panel.frame != bounds:
+        width, opacity = pen(pixel * metres, float(lines.length.sum()) * pixel / area)
+        parts = [shapely.get_coordinates(line) for line in lines.geometry]
+        width *= 1 + 0.5 * number
+        axes.add_collection(LineCollection(parts, colors=colour, alpha=opacity, linewidths=width, capstyle="round"))
+    if not panel.layers:
+        box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "boxstyle": "round,pad=0.5"}
+        axes.text(
+            0.5, 0.5, "no lines", transform=axes.transAxes, ha="center", va="center", fontsize=13, color=INK, bbox=box
+        )
+    if panel.frame is not None:
         draw_frame(axes, panel.frame)
     axes.set(xlim=(bounds[0], bounds[2]), ylim=(bounds[1], bounds[3]), xticks=[], yticks=[])
     for spine in axes.spines.values():
@@ -262,16 +304,27 @@ def _draw_panel(axes: Axes, panel: _Panel, bounds: Bounds, metres_per_pixel: flo
         spine.set_linewidth(0.8)
 
 
-def _draw_legend(figure: Any, left: float, height: int, panel: _Panel) -> None:
+def _draw_legend(figure: Figure, left: float, height: int, panel: _Panel) -> None:
+    from matplotlib.artist import Artist
     from matplotlib.lines import Line2D
 
-    entries = [Line2D([], [], color=colour, linewidth=3, label=label) for label, colour, _ in panel.layers]
+    entries: list[Artist] = [
+        Line2D([], [], color=colour, linewidth=3, label=label) for label, colour, _ in panel.layers
+    ]
     if panel.frame is not None:
         entries.append(Line2D([], [], color=INK, linewidth=1.4, linestyle=(0, (4, 2)), label="detail picture"))
+    if (panel.grey == _NODATA).any():
+        entries.append(nodata_patch(label="nodata"))
+    if panel.levels:
+        colours = [str(grey / 255) for grey in _level_greys(panel.levels).tolist()]
+        text = f"level 0 … {panel.levels - 1}, darkest to brightest"
+        draw_swatches(figure, left, (FOOTER / 2 - 16) / height, colours, text)
+    if not entries:
+        return
     figure.legend(
         handles=entries,
         loc="center left",
-        bbox_to_anchor=(left - 0.006, FOOTER / 2 / height),
+        bbox_to_anchor=(left - 0.006, (FOOTER / 2 + (14 if panel.levels else 0)) / height),
         ncols=len(entries),
         frameon=False,
         fontsize=11.5,

@@ -14,14 +14,20 @@ if TYPE_CHECKING:
     from geopandas import GeoDataFrame
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.patches import Rectangle
 
 Bounds = tuple[float, float, float, float]
 """Left, bottom, right, top in CRS units."""
 
 INK = "#1d2433"
+NODATA_TINT, NODATA_HATCH = "#f3e6f5", "#b48cbc"
 DPI = 100
 MARGIN, HEADER, FOOTER = 40, 110, 80
 """Pixels around a map: left and right, above, below."""
+_WIDEST, _FINEST = 2.4, 0.7
+"""Points that sparse lines are wide, on large and on small scales; dense ones down to half of that."""
+_MOST_INK = 0.12
+"""Share of a map that lines may cover before they are drawn finer, and then lighter."""
 
 
 def recorded_inputs(folder: Path, named: Sequence[str | os.PathLike[str]]) -> list[Path]:
@@ -83,6 +89,53 @@ def draw_frame(axes: Axes, frame: Bounds) -> None:
     axes.add_patch(
         Rectangle(corner, wide, high, fill=False, edgecolor=INK, linewidth=1.2, linestyle=(0, (5, 3)), zorder=6)
     )
+
+
+def nodata_patch(bounds: Bounds = (0, 0, 1, 1), label: str = "") -> Rectangle:
+    """The tint and hatching that stand for nodata, to lie below a picture that leaves nodata out, or in a legend."""
+    from matplotlib.patches import Rectangle
+
+    wide, high = bounds[2] - bounds[0], bounds[3] - bounds[1]
+    return Rectangle(
+        bounds[:2],
+        wide,
+        high,
+        label=label,
+        zorder=-1,
+        facecolor=NODATA_TINT,
+        edgecolor=NODATA_HATCH,
+        hatch="////",
+        linewidth=0,
+    )
+
+
+def pen(metres_per_pixel: float, density: float) -> tuple[float, float]:
+    """Width in points and opacity of lines, which are finer on small scales and where they are dense.
+
+    Parameters
+    ----------
+    metres_per_pixel
+        Ground that a pixel of the picture shows.
+    density
+        Share of the map that the lines would cover were they one pixel of the picture wide; more than 0.
+    """
+    pixel = 72 / DPI
+    width = max(_WIDEST - 2 * metres_per_pixel, _FINEST)
+    width = min(width, max(_MOST_INK / density * pixel, width / 2))
+    return width, min(max(_MOST_INK / (density * width / pixel), 0.3), 1.0)
+
+
+def draw_swatches(figure: Figure, left: float, middle: float, colours: Sequence[str], text: str) -> None:
+    """Draw a row of small boxes of these colours and a text behind it; ``left`` and ``middle`` as figure fractions."""
+    from matplotlib.patches import Rectangle
+
+    wide, high = figure.get_figwidth() * DPI, figure.get_figheight() * DPI
+    side = min(22, 320 / len(colours))
+    for place, colour in enumerate(colours):
+        corner = (left + place * side / wide, middle - 7 / high)
+        figure.add_artist(Rectangle(corner, side / wide, 14 / high, facecolor=colour, edgecolor=INK, linewidth=0.5))
+    end = left + (len(colours) * side + 10) / wide
+    figure.text(end, middle, text, fontsize=11.5, color=INK, va="center")
 
 
 def draw_scale_bar(figure: Figure, right: float, map_width: float, bounds: Bounds, metres: float) -> None:
