@@ -367,6 +367,35 @@ def test_weights_of_the_edges_are_checked_at_once(weights):
         array(greys()).chunk(y=20, x=20).tilepipe.segment(means=MEANS, **weights)
 
 
+@pytest.mark.parametrize(
+    ("operator", "given", "told"),
+    [
+        ("segment", {"method": "serial"}, "method must be one of parallel, messages, icm, annealing, not 'serial'"),
+        ("line_field", {"method": "messages"}, "method must be one of parallel, icm, annealing, not 'messages'"),
+        ("segment", {"rounds": 0}, "rounds must be a whole number from 1"),
+        ("line_field", {"rounds": 2.5}, "rounds must be a whole number from 1"),
+    ],
+)
+def test_optimisers_of_the_edges_are_checked_at_once(operator, given, told):
+    lazy = array(greys()).chunk(y=20, x=20).tilepipe
+    with pytest.raises(InputError, match=f"^{operator}: {told}"):
+        getattr(lazy, operator)(**({"means": MEANS} if operator == "segment" else {"levels": 4}), **given)
+
+
+@pytest.mark.parametrize("wrong", [3, 7, -1, 1.5])
+@pytest.mark.parametrize("chunked", [False, True])
+def test_line_field_says_which_levels_it_takes(wrong, chunked):
+    values = np.where(greys() > 100, 1.0, 2.0)
+    values[5, 5], values[6, 6], values[7, 7] = 255, np.nan, wrong
+    levels = array(values)
+    levels = levels.chunk(y=20, x=20) if chunked else levels
+    with pytest.raises(InputError, match=rf"^line_field: levels=3 is for an array of 0 to 2 .* holds {wrong:g};"):
+        levels.tilepipe.line_field(levels=3, rounds=2).compute(scheduler="synchronous")
+    levels[7, 7] = 0
+    found = levels.tilepipe.line_field(levels=3, rounds=2).values
+    assert found[5, 5] == found[6, 6] == 255 and found[7, 7] < 255
+
+
 @pytest.mark.parametrize("dims", [("band", "y", "x"), ("x",)])
 def test_other_numbers_of_dimensions_are_refused(dims):
     wrong = xr.DataArray(np.zeros((3,) * len(dims)), dims=dims)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from pathlib import Path
 
 import geopandas
@@ -20,6 +21,7 @@ from tilepipe.data_extent import data_extent
 from tilepipe.errors import InputError
 from tilepipe.evaluate import evaluate
 from tilepipe.evaluate_areas import evaluate_areas
+from tilepipe.evaluate_chance import OFFSETS
 from tilepipe.evaluate_edges import evaluate_edge_lines, evaluate_edges, true_edges, width_errors
 from tilepipe.export import write_table
 
@@ -140,6 +142,8 @@ def test_borders_of_streets_and_their_widths(tmp_path: Path) -> None:
     assert streets.precision == pytest.approx(2 / 3)
     # the seam of the two parts is no boundary
     assert streets.recall == pytest.approx(200 / 300, abs=0.02)
+    assert 0 <= streets.precision_by_chance < streets.precision
+    assert 0 <= streets.recall_by_chance < streets.recall
     assert streets.width_length == pytest.approx(200)
     assert (streets.width_bias, streets.width_rms) == pytest.approx((-0.2, 0.2))
     assert evaluate_edges(result, truth).street_borders is None
@@ -173,8 +177,53 @@ def test_the_command_scores_edges(tmp_path: Path) -> None:
     assert json.loads(tell(edges, truth, "--tolerance", 0.1, "--json").stdout)["precision"] < 0.01
     assert json.loads(tell(lines, truth, "--tolerance", 1, "--json").stdout)["precision"] == 1
     assert "completeness" in tell(lines, lines).stdout
-    for words in [(edges, truth, "--buffer", 1), (lines, lines, "--road-surface"), (lines, truth)]:
-        assert isinstance(tell(*words).exception, InputError)
+    assert isinstance(tell(lines, truth).exception, InputError)
+    for words, told in [
+        ((edges, truth, "--buffer", 1), "--buffer is for lines and polygons.* --tolerance"),
+        ((edges, truth, "--overlap", 0.5, "--step", 1), "--overlap is for polygons, --step is .* them out for edges"),
+        ((edges, truth, "--minimum-area", 50), "--minimum-area is for polygons; leave it out for edges"),
+        ((edges, lines, "--dissolve"), "--dissolve is for polygons and the truth"),
+        ((lines, lines, "--road-surface"), "--road-surface is for edges; leave it out for lines"),
+        ((lines, lines, "--dissolve"), "--dissolve .* for lines"),
+        ((lines, lines, "--overlap", 0.1), "--overlap .* for lines"),
+        ((truth, truth, "--direction", 10), "--direction is for lines and edges; leave it out for polygons"),
+        ((truth, truth, "--tolerance", 1), "--tolerance is for edges; leave it out for polygons"),
+    ]:
+        error = tell(*words).exception
+        assert isinstance(error, InputError)
+        assert re.search(told, str(error)), error
+    assert tell(edges, truth, "--dissolve").exit_code == 0
+    assert json.loads(tell(truth, truth, "--overlap", 0.25, "--json").stdout)["overlap"] == 0.25
+    assert json.loads(tell(truth, truth, "--json").stdout)["overlap"] == 0.5
+
+
+def test_chance_is_the_score_of_a_truth_moved_aside() -> None:
+    truth = [LineString([(0, 0), (1000, 0)])]
+    alone = evaluate_edge_lines(truth, truth)
+    assert (alone.precision, alone.precision_by_chance, alone.recall_by_chance) == (1, 0, 0)
+    # some line of a hatching of 2 m is within 1 m of any place
+    hatching = [LineString([(-100, y), (1100, y)]) for y in range(-100, 101, 2)]
+    dense = evaluate_edge_lines(hatching, truth)
+    assert (dense.recall, dense.recall_by_chance) == pytest.approx((1, 1))
+    assert dense.precision_by_chance == pytest.approx(1000 / (101 * 1200), rel=0.01)
+    # a line where one of the four moves takes the truth
+    second = [*truth, LineString([(0, 1.5 * OFFSETS[0, 1]), (1000, 1.5 * OFFSETS[0, 1])])]
+    moved_once = evaluate_edge_lines(second, truth, tolerance=1.5)
+    assert moved_once.recall_by_chance == pytest.approx((1000 - 1.5 * OFFSETS[0, 0] + 1) / 4000, abs=2e-3)
+    clipped = evaluate_edge_lines(truth, truth, area=box(0, -1, 1000, 1))
+    assert clipped.precision_by_chance == 0 and math.isnan(clipped.recall_by_chance)
+    assert clipped.as_dict()["recall_by_chance"] is None
+    assert math.isnan(evaluate_edge_lines([], truth).precision_by_chance)
+    assert "of 1,000 m of truth, by chance 100.0 %" in dense.summary()
+
+
+def test_no_direction_and_no_width_of_streets_decides_over_chance() -> None:
+    for angle in np.radians(range(0, 180, 3)):
+        along = 1000 * np.array([np.cos(angle), np.sin(angle)])
+        street = [LineString([-along, along])]
+        assert evaluate_edge_lines(street, street).recall_by_chance <= 0.26
+    across = np.sort(np.abs(OFFSETS).ravel())
+    assert (np.diff(across) > 0.5).all()
 
 
 def test_truth_in_another_crs_is_reprojected(tmp_path: Path) -> None:

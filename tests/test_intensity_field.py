@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import doctest
 from typing import Any, get_args
 
 import numpy as np
@@ -322,3 +323,23 @@ def test_bad_input_is_refused() -> None:
     ):
         with pytest.raises(ValueError, match=match):
             call()
+
+
+def test_the_example_of_the_documentation() -> None:
+    from tilepipe_kernels import intensity_field as module
+
+    found = doctest.testmod(module)
+    assert found.attempted > 3 and found.failed == 0
+
+
+def test_annealing_starts_at_the_cost_of_a_pair() -> None:
+    """With costs of about 20 the default schedule is nearly a quench."""
+    random = np.random.default_rng(0)
+    level = np.add.outer(np.arange(48) // 24, np.arange(48) // 24)
+    unary = 10 * (level + random.normal(0, 1, level.shape))[:, :, None] - 10 * np.arange(4)
+    unary, pairwise = unary**2 / 10, 20 * (1 - np.eye(4))
+    quench, slow = (
+        label_energy(minimise(unary, pairwise, method="annealing", annealing=schedule).labels, unary, pairwise)
+        for schedule in (None, Annealing(hot=20, cold=1))
+    )
+    assert slow < 0.9 * quench

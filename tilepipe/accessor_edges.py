@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import fields
-from numbers import Real
-from typing import Any
+from numbers import Integral, Real
+from typing import Any, Literal, get_args
 
 import numpy as np
 import xarray as xr
@@ -17,6 +17,11 @@ from tilepipe.grid import Tile
 from tilepipe_kernels import grey_levels, intensity_field, line_field, nevatia_babu
 from tilepipe_kernels.edge_model import MAXIMUM_LEVELS, EdgeModel
 
+LevelMethod = Literal["parallel", "messages", "icm", "annealing"]
+LineMethod = Literal["parallel", "icm", "annealing"]
+
+_MOST_ROUNDS = 2**16 - 1
+
 _NO_LEVEL = 255
 """Level and line elements at nodata."""
 
@@ -25,7 +30,7 @@ class EdgeOperators(BlockOperators):
     """Operators on greys and on levels."""
 
     def segment(
-        self, *, means: Sequence[float], method: intensity_field.Method = "parallel", rounds: int = 24, **weights: Any
+        self, *, means: Sequence[float], method: LevelMethod = "parallel", rounds: int = 24, **weights: Any
     ) -> xr.DataArray:
         """Levels of grey values by a Bayesian model; see `tilepipe_kernels.intensity_field.intensity_field`.
 
@@ -48,8 +53,9 @@ class EdgeOperators(BlockOperators):
         Raises
         ------
         InputError
-            ``means`` or a weight cannot be used.
+            ``means``, the method, the rounds or a weight cannot be used.
         """
+        _check_optimiser("segment", method, get_args(LevelMethod), rounds)
         greys = _checked_means(means)
         model = _edge_model(greys.size, weights)
 
@@ -63,14 +69,14 @@ class EdgeOperators(BlockOperators):
         return self._map("segment", function, intensity_field.halo(rounds, method=method), np.uint8)
 
     def line_field(
-        self, *, levels: int, method: line_field.Method = "parallel", rounds: int = line_field.ROUNDS, **weights: Any
+        self, *, levels: int, method: LineMethod = "parallel", rounds: int = line_field.ROUNDS, **weights: Any
     ) -> xr.DataArray:
         """Line elements between the pixels of an array of levels; see `tilepipe_kernels.line_field.line_field`.
 
         Parameters
         ----------
         levels
-            Number of levels.
+            Number of levels: the array holds 0 to one less; NaN, its nodata value and 255 are no data.
         method
             ``parallel`` (HCF in rounds), ``icm`` or ``annealing``.
         rounds
@@ -86,12 +92,14 @@ class EdgeOperators(BlockOperators):
         Raises
         ------
         InputError
-            ``levels`` or a weight cannot be used.
+            The method, the rounds, ``levels`` or a weight cannot be used; when computed, that the array holds other
+            values than levels.
         """
+        _check_optimiser("line_field", method, get_args(LineMethod), rounds)
         model = _edge_model(levels, weights)
 
         def function(block: NDArray[Any], tile: Tile) -> NDArray[Any]:
-            labels = np.where(np.isnan(block), _NO_LEVEL, block).astype(np.uint8)
+            labels = _checked_levels(block, levels)
             found = line_field.line_field(labels, model, method=method, rounds=rounds, origin=tile.padded.origin)
             lines = found.horizontal | found.vertical << 1
             lines[labels == _NO_LEVEL] = _NO_LEVEL
@@ -137,6 +145,38 @@ def _checked_means(means: Sequence[float]) -> NDArray[np.float64]:
     if not (np.isfinite(greys).all() and (np.diff(greys) > 0).all()):
         raise InputError(f"means must be finite and ascend, not {means}")
     return greys
+
+
+def _check_optimiser(operator: str, method: str, known: tuple[str, ...], rounds: int) -> None:
+    """Check what all optimisers share.
+
+    Raises
+    ------
+    InputError
+        The operator has no such method, or the number of rounds is out of range.
+    """
+    if method not in known:
+        raise InputError(f"{operator}: method must be one of {', '.join(known)}, not {method!r}")
+    if not (isinstance(rounds, Integral) and 1 <= rounds <= _MOST_ROUNDS):
+        raise InputError(f"{operator}: rounds must be a whole number from 1 to {_MOST_ROUNDS}, not {rounds!r}")
+
+
+def _checked_levels(block: NDArray[Any], levels: int) -> NDArray[np.uint8]:
+    """Levels of a block as uint8, 255 where there is none.
+
+    Raises
+    ------
+    InputError
+        The block holds other values than 0 to ``levels`` - 1.
+    """
+    missing = np.isnan(block) | (block == _NO_LEVEL)
+    wrong = ~missing & ~((block >= 0) & (block < levels) & (block == np.floor(block)))
+    if wrong.any():
+        raise InputError(
+            f"line_field: levels={levels} is for an array of 0 to {levels - 1} (255 = no data), and it holds "
+            f"{block[wrong].max():g}; give the levels that segment has found, and as many as its means"
+        )
+    return np.where(missing, np.int16(_NO_LEVEL), block).astype(np.uint8)
 
 
 def _edge_model(levels: int, weights: dict[str, Any]) -> EdgeModel:

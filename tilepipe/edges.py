@@ -31,6 +31,12 @@ SUMMARY = "edges.json"
 _PER_MEGAPIXEL = 12_000_000
 """Lines of a city at half a metre and edge elements in bytes per Mpx, while tables are made of them."""
 
+_WITHOUT_LINES = {
+    "edges": "lower minimum_length or raise levels (--set)",
+    "nevatia_babu": "raise edge_share or lower minimum_edge_length (--set)",
+}
+"""What to do when a table has no line."""
+
 _MOST_UNRESOLVED = 1e-4
 """Share of sites that still want to change above which a warning is due."""
 
@@ -54,7 +60,7 @@ def edges(
     out
         Folder of the run; receives ``segments.tif`` (levels, 255 = nodata), ``lines.tif`` (line field: 1 = edge below
         the pixel, 2 = edge to its right, 3 = both), ``edges.parquet``, ``nevatia_babu.parquet``, ``edges.json``
-        (grey levels, energy, what the cap on rounds has left) and ``run.toml``.
+        (grey levels, energy, sweeps of annealing, what the cap on rounds has left) and ``run.toml``.
     params
         Parameters of the method.
     crs
@@ -181,30 +187,33 @@ class _Job(Job):
             return paths
 
     def write_tables(self, run: Run, fields: Ledger) -> list[Path]:
-        """Write the tables of both methods into the state folder."""
+        """Write the tables of both methods into the state folder; warn of one without lines."""
         geometry, workers = self.raster.geometry, self.options.workers
         writers: dict[str, Callable[..., int]] = {"edges": partial(write_edges, workers=workers)}
         if self.parameters.nevatia_babu:
             writers["nevatia_babu"] = write_nevatia_babu
 
-        def write(name: str) -> Path:
+        def write(name: str) -> int:
             with run.timed(f"reconcile {name}"):
-                path = run.state / f"{name}.parquet"
-                writers[name](path, fields, geometry, self.parameters)
-                return path
+                return writers[name](run.state / f"{name}.parquet", fields, geometry, self.parameters)
 
         with ThreadPoolExecutor(min(len(writers), workers)) as pool:
-            paths = list(pool.map(write, writers))
-        return self.convert(run, paths)
+            found = dict(zip(writers, pool.map(write, writers), strict=True))
+        for name, count in found.items():
+            if not count:
+                warnings.warn(f"{name} has no line; {_WITHOUT_LINES[name]}", stacklevel=4)
+        return self.convert(run, [run.state / f"{name}.parquet" for name in writers])
 
     def write_summary(self, run: Run, photograph: Photograph, scale: LevelScale, fields: Ledger) -> Path:
         """Write what the whole image says of itself; warn when the cap on rounds has left much."""
         found, model = count_fields(fields.each()), self.parameters.model(scale.noise)
+        annealing = self.parameters.optimiser == "annealing"
         sites = 3 * self.raster.shape[0] * self.raster.shape[1]
         if found.unresolved > _MOST_UNRESOLVED * sites:
+            sweeps = f"{self.parameters.sweeps} sweeps and " if annealing else ""
             warnings.warn(
-                f"{found.unresolved:,} of {sites:,} sites still wanted to change after {self.parameters.rounds} "
-                "rounds; use --set rounds=n with a larger n",
+                f"{found.unresolved:,} of {sites:,} sites still wanted to change after {sweeps}"
+                f"{self.parameters.rounds} rounds; use --set rounds=n with a larger n",
                 stacklevel=4,
             )
         values = {
@@ -216,6 +225,8 @@ class _Job(Job):
             "energy": found.terms.total(model),
             "energy_of_levels": found.terms.intensity(model),
             "energy_of_lines": found.terms.lines(model),
+            # rounds of descent come after the sweeps
+            **({"sweeps": self.parameters.sweeps} if annealing else {}),
             "most_rounds": self.parameters.rounds,
             "unresolved_sites": found.unresolved,
         }

@@ -4,6 +4,9 @@ A truth of polygons, such as building footprints or road surface, contributes it
 lines.  Where the truth is road surface, the candidates for borders of streets are scored against its boundaries too,
 and their widths against the road's.
 
+Beside precision and recall stands what the same lines score by chance (`tilepipe.evaluate_chance`): where edges are
+dense, any truth lies near some of them.
+
 Lengths are exact, not sampled (`tilepipe.matching`); widths are sampled.
 """
 
@@ -20,6 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from tilepipe.data_extent import area_in_metres, scored_area
 from tilepipe.errors import InputError
 from tilepipe.evaluate import evaluate_lines, percent
+from tilepipe.evaluate_chance import by_chance
 from tilepipe.matching import segments
 from tilepipe.vector_layers import LINES, POLYGONS, VectorLayer, in_metres, read_layer, read_result
 
@@ -54,6 +58,8 @@ class StreetBorderScore:
         Length of the candidates near the boundaries / length of the candidates; NaN where there are none.
     recall
         Length of the boundaries near candidates / length of the boundaries.
+    precision_by_chance, recall_by_chance
+        The same with the boundaries moved aside; see `EdgeScore`.
     count, length
         Of the candidates.
     width_bias, width_rms
@@ -65,6 +71,8 @@ class StreetBorderScore:
 
     precision: float
     recall: float
+    precision_by_chance: float
+    recall_by_chance: float
     count: int
     length: float
     width_bias: float
@@ -83,8 +91,12 @@ class EdgeScore:
         Low where the truth holds only some of the edges of the image, such as those of buildings.
     recall
         Length of the truth within the tolerance of the result / length of the truth.
+    precision_by_chance, recall_by_chance
+        The same with the truth moved aside, mean over four moves of 8 to 14 times the tolerance, in different
+        directions: what these lines score where they cannot be right.  Precision and recall say something by as much
+        as they exceed it.  NaN where precision is, or where no moved truth lies in the area.
     f_score
-        Their harmonic mean.
+        Harmonic mean of precision and recall.
     rms_distance
         Root mean square distance from the matched part of the result to the truth; NaN when nothing matched.
     street_borders
@@ -95,6 +107,8 @@ class EdgeScore:
 
     precision: float
     recall: float
+    precision_by_chance: float
+    recall_by_chance: float
     f_score: float
     rms_distance: float
     result_length: float
@@ -123,8 +137,8 @@ class EdgeScore:
         rows = [
             ("match", match),
             *([("inside", self.area)] if self.area else []),
-            ("precision", f"{percent(self.precision)}  of {self.result_length:,.0f} m of result"),
-            ("recall", f"{percent(self.recall)}  of {self.truth_length:,.0f} m of truth"),
+            _share_row("precision", self.precision, f"{self.result_length:,.0f} m of result", self.precision_by_chance),
+            _share_row("recall", self.recall, f"{self.truth_length:,.0f} m of truth", self.recall_by_chance),
             ("F-score", percent(self.f_score)),
             ("RMS distance", _metres(self.rms_distance)),
         ]
@@ -137,15 +151,20 @@ def _metres(value: float) -> str:
     return "undefined" if math.isnan(value) else f"{value:.2f} m"
 
 
+def _share_row(name: str, share: float, whole: str, by_chance: float) -> tuple[str, str]:
+    return name, f"{percent(share)}  of {whole}, by chance {percent(by_chance)}"
+
+
 def _street_rows(score: StreetBorderScore, truth_length: float) -> list[tuple[str, str]]:
     if score.width_length:
         width = f"RMS {_metres(score.width_rms)}, mean {score.width_bias:+.2f} m  over {score.width_length:,.0f} m"
     else:
         width = "undefined, no two borders match"
+    candidates = f"{score.length:,.0f} m of {score.count:,} candidates"
     return [
         ("street borders", ""),
-        ("  precision", f"{percent(score.precision)}  of {score.length:,.0f} m of {score.count:,} candidates"),
-        ("  recall", f"{percent(score.recall)}  of {truth_length:,.0f} m of truth"),
+        _share_row("  precision", score.precision, candidates, score.precision_by_chance),
+        _share_row("  recall", score.recall, f"{truth_length:,.0f} m of truth", score.recall_by_chance),
         ("  width error", width),
     ]
 
@@ -211,18 +230,16 @@ def evaluate_edge_lines(
     """
     if not 0 < tolerance < math.inf:
         raise InputError(f"tolerance is {tolerance}; give a positive distance in metres")
-    lines = evaluate_lines(
-        result,
-        true_edges(truth, dissolve=dissolve),
-        buffer=tolerance,
-        area=area,
-        direction_tolerance=direction_tolerance,
-    )
+    edges = true_edges(truth, dissolve=dissolve)
+    lines = evaluate_lines(result, edges, buffer=tolerance, area=area, direction_tolerance=direction_tolerance)
+    chance = by_chance(result, edges, tolerance=tolerance, area=area, direction_tolerance=direction_tolerance)
     precision, recall = lines.correctness, lines.completeness
     both = precision + recall
     return EdgeScore(
         precision=precision,
         recall=recall,
+        precision_by_chance=chance.precision,
+        recall_by_chance=chance.recall,
         f_score=2 * precision * recall / both if both > 0 else 0.0,
         rms_distance=lines.rms_distance,
         result_length=lines.result_length,
@@ -257,7 +274,7 @@ def evaluate_edges(
     area_path
         Vector file of polygons to which both are clipped; by default the extent of the data of the result's run.
     direction_tolerance, dissolve
-        See `evaluate_edge_lines`.
+        See `evaluate_edge_lines`; ``dissolve`` is for a truth with polygons.
     road_surface
         The truth is polygons of road surface: they are dissolved, and the candidates for borders of streets are
         scored against their boundaries too.
@@ -266,11 +283,14 @@ def evaluate_edges(
     ------
     InputError
         A file is missing or unreadable, holds other geometries, or names no CRS; the result's CRS is geographic; the
-        truth is empty; road surface is no polygons, or the result holds no candidates for borders of streets.
+        truth is empty or has no polygons to dissolve; road surface is no polygons, or the result holds no candidates
+        for borders of streets.
     """
     extracted = read_result(result).of(LINES)
     metres, crs = extracted.metres_per_unit, extracted.table.crs
     true = read_layer(truth, "truth").of(POLYGONS if road_surface else LINES + POLYGONS)
+    if dissolve and not true.types & set(POLYGONS):
+        raise InputError(f"--dissolve is for polygons and the {true.name} holds none; leave it out")
     geometry = in_metres(true.table.to_crs(crs).geometry.to_numpy(), metres)
     within = scored_area(result, area_path)
     area = None if within is None else area_in_metres(within, crs, metres)
@@ -314,6 +334,7 @@ def street_border_score(
     candidate = table["street_border"].to_numpy(bool)
     boundary = true_edges(surface, dissolve=True)
     score = evaluate_lines(lines[candidate], boundary, buffer=tolerance, area=area)
+    chance = by_chance(lines[candidate], boundary, tolerance=tolerance, area=area)
     number = {line: row for row, line in enumerate(table["line_id"])}
     partner = np.array([number.get(line, -1) for line in table["street_partner"]], np.int64)
     paired = np.flatnonzero(candidate & (partner >= 0))
@@ -324,6 +345,8 @@ def street_border_score(
     return StreetBorderScore(
         precision=score.correctness,
         recall=score.completeness,
+        precision_by_chance=chance.precision,
+        recall_by_chance=chance.recall,
         count=int(candidate.sum()),
         length=score.result_length,
         width_bias=float(error.mean()) if error.size else math.nan,

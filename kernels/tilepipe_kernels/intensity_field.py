@@ -154,7 +154,7 @@ def minimise(
         - ``parallel``: Highest Confidence First (HCF) in rounds; the fastest, for strong data.
         - ``messages``: reweighted messages, then rounds of descent; the lowest energies, with many labels, much
           noise or weak data above all.
-        - ``icm``: iterated conditional modes; the plainest, ends highest as a rule.
+        - ``icm``: iterated conditional modes; the simplest, it often ends highest.
         - ``annealing``: Gibbs sampler at falling temperatures, then rounds of descent; slow, and needs `annealing`.
         - ``serial``: HCF with a heap, of arrays of the host alone; it has no `halo`, so that tiles would show.
     rounds
@@ -178,8 +178,8 @@ def minimise(
     -------
     Labels
         `tilepipe_kernels.labelling.Labels` with the fields ``labels``, uint8 (rows, columns), 0 to K - 1 and 255 = no
-        data; ``rounds``, how many rounds or sweeps were made (of the serial form: changes); ``unresolved``, how many
-        pixels of the core still wanted to change then, 0 = a local minimum.
+        data; ``rounds`` made, of HCF or descent, or sweeps of icm (of the serial form: changes); ``unresolved``, how
+        many pixels of the core still wanted to change then, 0 = a local minimum.
 
     Raises
     ------
