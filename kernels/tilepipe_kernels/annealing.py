@@ -25,8 +25,9 @@ class Annealing:
     """Schedule of temperatures: geometric from `hot` to `cold`.
 
     A state of a site that costs e more than its best is drawn exp(-e/temperature) times as often.  The defaults are
-    for energies whose terms are about 1, as those of `edge_model` are.  With costs of about 20 they are nearly a quench,
-    mere descent: `hot` should then be of the size of the cost of one pair of unequal labels, `cold` a twentieth of it.
+    for energies whose terms are about 1, as those of `edge_model` are.  With costs of about 20 they are nearly a
+    quench, mere descent: `hot` should then be of the size of the cost of one pair of unequal labels, `cold` a
+    twentieth of it.
 
     Parameters
     ----------
