@@ -22,8 +22,9 @@ from tilepipe.errors import InputError
 from tilepipe.evaluate import evaluate
 from tilepipe.evaluate_areas import evaluate_areas
 from tilepipe.evaluate_chance import OFFSETS
-from tilepipe.evaluate_edges import evaluate_edge_lines, evaluate_edges, true_edges, width_errors
+from tilepipe.evaluate_edges import evaluate_edge_lines, evaluate_edges, true_edges
 from tilepipe.export import write_table
+from tilepipe.street_border_score import width_errors
 
 CRS = "EPSG:32633"
 X, Y = 5e5, 4e6
