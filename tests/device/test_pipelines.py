@@ -48,3 +48,11 @@ def test_objects(tmp_path: Path) -> None:
     raster = write_raster(tmp_path / "scene.tif", heights.astype(np.float32), pixel=0.5)
     params = {"draws": 12, "burn_in": 6, "thinning": 2, "largest_building": 12.0, "minimum_area": 2.0}
     both("objects", raster, tmp_path, params, 32)
+
+
+def test_edges(tmp_path: Path) -> None:
+    rows, columns = np.mgrid[:26, :30]
+    rng = np.random.default_rng(3)
+    grey = np.where((rows > 8) & (columns > 11) & (rows + columns < 44), 150.0, 60.0) + rng.normal(0, 5, rows.shape)
+    raster = write_raster(tmp_path / "scene.tif", grey.astype(np.float32))
+    both("edges", raster, tmp_path, {"rounds": 3, "levels": 2, "minimum_length": 2.0}, 20)
