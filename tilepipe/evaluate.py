@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 import os
 from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from numpy.typing import ArrayLike
 
@@ -23,6 +23,18 @@ from tilepipe.vector_layers import LINES, VectorLayer, in_metres, read_layer, re
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
+
+
+def defined_values(score: Any) -> dict[str, Any]:
+    """Values of a score, a dataclass, for JSON, where NaN (undefined) becomes None, in scores within it too."""
+
+    def defined(value: Any) -> Any:
+        if isinstance(value, dict):
+            return {name: defined(inner) for name, inner in value.items()}
+        return None if isinstance(value, float) and math.isnan(value) else value
+
+    values: dict[str, Any] = defined(asdict(score))
+    return values
 
 
 def percent(value: float) -> str:
@@ -65,12 +77,9 @@ class LineScore:
     direction_tolerance: float | None = None
     area: str | None = None
 
-    def as_dict(self) -> dict[str, float | str | None]:
+    def as_dict(self) -> dict[str, Any]:
         """Values for JSON, where NaN (undefined) becomes None."""
-        return {
-            name: None if isinstance(value, float) and math.isnan(value) else value
-            for name, value in asdict(self).items()
-        }
+        return defined_values(self)
 
     def summary(self) -> str:
         """Return a table of plain text; lengths are taken as metres."""

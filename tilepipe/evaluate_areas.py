@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 import os
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from tilepipe.boundary_distances import BoundaryScore, boundary_score
 from tilepipe.data_extent import area_in_metres, scored_area
 from tilepipe.errors import InputError
-from tilepipe.evaluate import percent
+from tilepipe.evaluate import defined_values, percent
 from tilepipe.matching import segments
 from tilepipe.polygon_layers import ROUNDING, coverage, polygon_layer
 from tilepipe.vector_layers import POLYGONS, VectorLayer, read_layer, read_result
@@ -94,14 +94,7 @@ class AreaScore:
 
     def as_dict(self) -> dict[str, Any]:
         """Values for JSON, where NaN (undefined) becomes None."""
-
-        def defined(value: Any) -> Any:
-            if isinstance(value, dict):
-                return {name: defined(inner) for name, inner in value.items()}
-            return None if isinstance(value, float) and math.isnan(value) else value
-
-        values: dict[str, Any] = defined(asdict(self))
-        return values
+        return defined_values(self)
 
     def summary(self) -> str:
         """Return a table of plain text."""

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 import os
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tilepipe.data_extent import area_in_metres, scored_area
 from tilepipe.errors import InputError
-from tilepipe.evaluate import evaluate_lines, percent
+from tilepipe.evaluate import defined_values, evaluate_lines, percent
 from tilepipe.evaluate_chance import by_chance
 from tilepipe.street_border_score import StreetBorderScore, metres, share_row, street_border_score, street_rows
 from tilepipe.vector_layers import LINES, POLYGONS, VectorLayer, in_metres, read_layer, read_result
@@ -80,14 +80,7 @@ class EdgeScore:
 
     def as_dict(self) -> dict[str, Any]:
         """Values for JSON, where NaN (undefined) becomes None."""
-
-        def defined(value: Any) -> Any:
-            if isinstance(value, dict):
-                return {name: defined(inner) for name, inner in value.items()}
-            return None if isinstance(value, float) and math.isnan(value) else value
-
-        values: dict[str, Any] = defined(asdict(self))
-        return values
+        return defined_values(self)
 
     def summary(self) -> str:
         """Return a table of plain text."""

@@ -9,19 +9,10 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from tests.naive import adjacency as naive
+from tests.test_adjacency import patches
 from tilepipe_kernels.adjacency import contacts
 from tilepipe_kernels.arrays import on_device, to_device, to_host
 from tilepipe_kernels.extremes import label_extremes
-
-
-def patches(rows: int, columns: int, seed: int, regions: int, size: int, missing: float) -> NDArray[np.int32]:
-    """Random labels in squares of `size` pixels, so that regions have long cracks, many parts and ragged borders."""
-    random = np.random.default_rng(seed)
-    labels = random.integers(1, regions + 1, (rows // size + 1, columns // size + 1), dtype=np.int32)
-    labels = labels.repeat(size, 0).repeat(size, 1)[:rows, :columns]
-    labels[random.random(labels.shape) < missing] = 0
-    return labels
-
 
 LABELS = st.builds(
     patches,

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from tests.naive.intensity_field import Problem
+from tests.test_intensity_field import costs
 from tilepipe_kernels.annealing import Annealing, boltzmann_factor
 from tilepipe_kernels.arrays import on_device, to_device, to_host
 from tilepipe_kernels.edge_model import EdgeModel
@@ -20,18 +21,6 @@ from tilepipe_kernels.labelling import Labels
 
 SCHEDULE = Annealing(2, hot=2.0, cold=0.4, seed=2**63)
 CORE = (slice(1, 7), slice(2, 8))
-
-
-def costs(seed: int, shape: tuple[int, int], labels: int, kinds: int, weighted: bool) -> dict[str, NDArray[Any]]:
-    random = np.random.default_rng(seed)
-    unary = random.integers(0, 16, (*shape, labels)) / 4
-    unary[random.random(shape) < 0.1] = np.nan
-    tables = random.integers(0, 6, (kinds, labels, labels)) / 4
-    down, right = random.integers(0, kinds, (2, *shape))
-    problem = {"unary": unary, "pairwise": tables + tables.transpose(0, 2, 1), "down": down, "right": right}
-    if weighted:
-        problem["down_weight"], problem["right_weight"] = random.integers(0, 5, (2, *shape)) / 2
-    return problem
 
 
 def uploaded(problem: dict[str, NDArray[Any]]) -> dict[str, Any]:
@@ -50,6 +39,7 @@ PROBLEMS = st.builds(
     st.tuples(st.integers(1, 6), st.integers(1, 6)),
     st.integers(2, 4),
     st.sampled_from([1, 3]),
+    st.just(0.1),
     st.booleans(),
 )
 ORIGINS = st.tuples(st.integers(0, 70000), st.integers(0, 70000))

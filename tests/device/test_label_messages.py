@@ -8,24 +8,15 @@ import numpy as np
 import pytest
 
 from tests.naive.intensity_field import Problem
+from tests.test_intensity_field import costs
 from tilepipe_kernels import label_messages
 from tilepipe_kernels.arrays import on_device, to_device, to_host
 from tilepipe_kernels.label_messages import message_labels
 from tilepipe_kernels.label_scales import coarser
 from tilepipe_kernels.labelling import labelling
 
-
-def costs(seed: int, shape: tuple[int, int], labels: int, kinds: int, weighted: bool) -> dict[str, Any]:
-    """Costs whose sums are exact in any order."""
-    random = np.random.default_rng(seed)
-    unary = random.integers(0, 16, (*shape, labels)) / 4
-    unary[random.random(shape) < 0.15] = np.nan
-    tables = random.integers(0, 6, (kinds, labels, labels)) / 4
-    down, right = random.integers(0, kinds, (2, *shape))
-    problem = {"unary": unary, "pairwise": tables + tables.transpose(0, 2, 1), "down": down, "right": right}
-    if weighted:
-        problem["down_weight"], problem["right_weight"] = random.integers(0, 5, (2, *shape)) / 2
-    return problem
+MISSING = 0.15
+"""Share of pixels without data."""
 
 
 def uploaded(problem: dict[str, Any]) -> dict[str, Any]:
@@ -35,7 +26,7 @@ def uploaded(problem: dict[str, Any]) -> dict[str, Any]:
 @pytest.mark.parametrize(("labels", "kinds", "weighted", "origin"),
                          [(2, 1, False, (0, 0)), (3, 2, True, (70000, 5)), (5, 3, False, (3, 8))])  # fmt: skip
 def test_labels_are_those_of_the_oracle(labels: int, kinds: int, weighted: bool, origin: tuple[int, int]) -> None:
-    problem = costs(labels, (6, 7), labels, kinds, weighted)
+    problem = costs(labels, (6, 7), labels, kinds, MISSING, weighted)
     naive = Problem(origin=origin, **{"tables" if name == "pairwise" else name: v for name, v in problem.items()})
     made = labelling(**uploaded(problem), origin=origin)
     found = message_labels(made, 3)
@@ -47,7 +38,7 @@ def test_labels_are_those_of_the_oracle(labels: int, kinds: int, weighted: bool,
 
 @pytest.mark.parametrize(("shape", "labels", "weighted"), [((9, 12), 3, False), ((11, 6), 4, True), ((4, 5), 18, True)])
 def test_labels_are_those_of_the_cpu(shape: tuple[int, int], labels: int, weighted: bool) -> None:
-    problem = costs(1, shape, labels, 2, weighted)
+    problem = costs(1, shape, labels, 2, MISSING, weighted)
     for scales in (0, 2):
         for origin in ((0, 0), (5, 3)):
             here, there = labelling(**problem, origin=origin), labelling(**uploaded(problem), origin=origin)
@@ -56,7 +47,7 @@ def test_labels_are_those_of_the_cpu(shape: tuple[int, int], labels: int, weight
 
 @pytest.mark.parametrize("weighted", [True, False])
 def test_coarser_grid_is_that_of_the_cpu(weighted: bool) -> None:
-    problem = costs(2, (7, 10), 3, 4, weighted)
+    problem = costs(2, (7, 10), 3, 4, MISSING, weighted)
     for origin in ((0, 0), (0, 1), (7, 6)):
         here = coarser(labelling(**problem, origin=origin))
         there = coarser(labelling(**uploaded(problem), origin=origin))
@@ -68,7 +59,7 @@ def test_coarser_grid_is_that_of_the_cpu(weighted: bool) -> None:
 
 
 def test_bands_do_not_show(monkeypatch: pytest.MonkeyPatch) -> None:
-    made = labelling(**uploaded(costs(3, (24, 4), 2, 2, True)), origin=(7, 8))
+    made = labelling(**uploaded(costs(3, (24, 4), 2, 2, MISSING, True)), origin=(7, 8))
     whole = {scales: to_host(message_labels(made, 1, scales)) for scales in (0, 1)}
     monkeypatch.setattr(label_messages, "_DEVICE_BAND_BYTES", 1)
     for scales, expected in whole.items():
