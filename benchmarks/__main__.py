@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from tilepipe.allocator import keep_freed_memory
+from tilepipe.engine.allocator import keep_freed_memory
 
 
 def main() -> None:
@@ -41,7 +41,7 @@ def main() -> None:
     partial = arguments.quick or arguments.no_peers or getattr(arguments, "only", "")
     page: dict[str, Any] = {"results": None} if partial else {}
     if arguments.command == "kernels":
-        from benchmarks.kernels import ENGINE_SIZE, QUICK_SIZE, SIZE, run_kernels
+        from benchmarks.kernels.page import ENGINE_SIZE, QUICK_SIZE, SIZE, run_kernels
 
         run_kernels(
             size=arguments.size[0] if arguments.size else QUICK_SIZE if arguments.quick else SIZE,
@@ -54,7 +54,7 @@ def main() -> None:
             **page,
         )
     elif arguments.command == "objects":
-        from benchmarks import objects as benchmark
+        from benchmarks.objects import page as benchmark
 
         if arguments.quick:
             page |= {"kernel_size": benchmark.QUICK_KERNEL_SIZE, "updates": benchmark.QUICK_UPDATES}
@@ -74,7 +74,7 @@ def main() -> None:
     elif arguments.command == "edges":
         _run_edges(arguments, page)
     else:
-        from benchmarks.streets import QUICK_SIZE, SIZE, run_streets
+        from benchmarks.streets.page import QUICK_SIZE, SIZE, run_streets
 
         run_streets(
             sizes=arguments.size or [QUICK_SIZE if arguments.quick else SIZE],
@@ -87,7 +87,7 @@ def main() -> None:
 
 
 def _run_edges(arguments: argparse.Namespace, page: dict[str, Any]) -> None:
-    from benchmarks import edges as benchmark
+    from benchmarks.edges import page as benchmark
 
     chosen = {"scenes": arguments.scenes, "data": arguments.data}
     sizes = {"sizes": arguments.size}

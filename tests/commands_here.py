@@ -8,14 +8,14 @@ from collections.abc import Sequence
 
 import pytest
 
-from benchmarks.watch import Watched
+from benchmarks.measure.watch import Watched
 from tilepipe.cli import app
 
 START = [sys.executable, "-m", "tilepipe"]
 
 
 def watch_here(command: Sequence[str], interval: float = 0.0) -> Watched:
-    """`benchmarks.watch.watch` without a new interpreter, nor the memory that it takes."""
+    """`benchmarks.measure.watch.watch` without a new interpreter, nor the memory that it takes."""
     assert list(command[:3]) == START
     start = time.perf_counter()
     app(list(command[3:]), standalone_mode=False)

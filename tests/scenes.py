@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe.options import RunOptions
-from tilepipe.streets import streets
+from tilepipe.engine.options import RunOptions
+from tilepipe.pipelines.streets.recipe import streets
 
 LAYERS = ("streets.tif", "centerlines.parquet", "skeleton.parquet")
 

@@ -27,7 +27,7 @@ _FUSED = re.compile(r"\bfma\.rn\.f(32|64)")
 
 def keep(folder: Path) -> None:
     """Write the types of all launches of this process into a folder, one file for each process."""
-    from tilepipe_kernels.compiled import LAUNCHED
+    from tilepipe_kernels.core.compiled import LAUNCHED
 
     folder.mkdir(parents=True, exist_ok=True)
     (folder / f"launched-{os.getpid()}.pickle").write_bytes(pickle.dumps(LAUNCHED))
@@ -52,7 +52,7 @@ def compile_all(folder: Path) -> list[str]:
     from numba import cuda, types
     from numba.cuda import dispatcher
 
-    from tilepipe_kernels.compiled import ExactProducts, grid
+    from tilepipe_kernels.core.compiled import ExactProducts, grid
 
     class Device:
         compute_capability = COMPUTE_CAPABILITY

@@ -30,7 +30,7 @@ from tilepipe.synthetic.chart import (
 )
 from tilepipe.synthetic.hashing import bits, draws
 from tilepipe.synthetic.objects import CAR, OBJECT, TREE, inside
-from tilepipe_kernels.compiled import loop, rule
+from tilepipe_kernels.core.compiled import loop, rule
 
 if TYPE_CHECKING:
     from tilepipe.synthetic.city import Layout

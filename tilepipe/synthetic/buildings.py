@@ -25,7 +25,7 @@ from tilepipe.synthetic.chart import (
 )
 from tilepipe.synthetic.hashing import draws
 from tilepipe.synthetic.objects import FLAT, GABLED, HIPPED, TALLEST
-from tilepipe_kernels.compiled import loop, rule
+from tilepipe_kernels.core.compiled import loop, rule
 
 if TYPE_CHECKING:
     from tilepipe.synthetic.city import Layout

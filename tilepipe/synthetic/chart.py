@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tilepipe.synthetic.hashing import uniform
-from tilepipe_kernels.compiled import loop, rule
+from tilepipe_kernels.core.compiled import loop, rule
 
 if TYPE_CHECKING:
     from tilepipe.synthetic.city import Layout

@@ -31,7 +31,7 @@ from tilepipe.synthetic.chart import (
     street_level,
     street_width,
 )
-from tilepipe_kernels.compiled import loop, rule
+from tilepipe_kernels.core.compiled import loop, rule
 
 if TYPE_CHECKING:
     from tilepipe.synthetic.city import Layout

@@ -17,7 +17,7 @@ from tilepipe.synthetic.hashing import HIGH_BITS, bits, mixed
 from tilepipe.synthetic.objects import CAR, TREE
 from tilepipe.synthetic.photograph import photograph
 from tilepipe.synthetic.scene import Scene, Window, find_voids, scene, texture
-from tilepipe_kernels.compiled import loop
+from tilepipe_kernels.core.compiled import loop
 
 FINE_STREAM, COARSE_STREAM, SPECKLE_STREAM, ROUGHNESS_STREAM, GRAIN_STREAM = 61, 62, 63, 64, 65
 FINE_MESH, COARSE_MESH = 3.5, 40.0

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from tilepipe_kernels.compiled import rule
+from tilepipe_kernels.core.compiled import rule
 
 FLAT, GABLED, HIPPED, TREE, CAR = 0, 1, 2, 3, 4
 ROOFS = ("flat", "gabled", "hipped")

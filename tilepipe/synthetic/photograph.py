@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from tilepipe.synthetic.objects import CAR, FLAT, TALLEST, TREE
 from tilepipe.synthetic.scene import Scene
-from tilepipe_kernels.compiled import loop, rule
+from tilepipe_kernels.core.compiled import loop, rule
 
 #: Direction to the sun: its height above the horizon and its azimuth, clockwise from north, in degrees.
 SUN_HEIGHT, SUN_AZIMUTH = 52.0, 152.0

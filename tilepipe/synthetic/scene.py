@@ -17,7 +17,7 @@ from tilepipe.synthetic.blocks import blocks_near, populate
 from tilepipe.synthetic.ground import lay_ground
 from tilepipe.synthetic.hashing import HIGH_BITS, UNIT, bits, draws, mixed, uniform
 from tilepipe.synthetic.objects import FLAT, GABLED, HIPPED, TREE
-from tilepipe_kernels.compiled import loop, rule
+from tilepipe_kernels.core.compiled import loop, rule
 
 if TYPE_CHECKING:
     from tilepipe.synthetic.city import Layout

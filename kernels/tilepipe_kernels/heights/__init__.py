@@ -1,0 +1,1 @@
+"""Heights: bare earth, shape of surfaces, means over regions, and the mixture that tells roofs from trees."""

@@ -1,0 +1,1 @@
+"""Images: histograms, filters, diffusion, morphology, distances."""

@@ -1,0 +1,1 @@
+"""Labels of least energy: Highest Confidence First, messages, descent, annealing."""

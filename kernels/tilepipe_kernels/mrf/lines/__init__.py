@@ -1,0 +1,1 @@
+"""Line elements of least energy between labelled pixels."""

@@ -1,0 +1,1 @@
+"""From pixels to a street graph: skeleton, tracing, fragments, cleaning."""

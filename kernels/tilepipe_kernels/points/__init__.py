@@ -1,0 +1,1 @@
+"""Points of lidar clouds to cells of rasters."""

@@ -1,0 +1,1 @@
+"""Walls made straight and right-angled within one coverage."""

@@ -1,0 +1,1 @@
+"""Regions and their graphs: growing, quadtree, adjacency, merging, colouring."""

@@ -1,0 +1,1 @@
+"""Ridge lines after Steger (1998): points, links, widths."""

@@ -1,0 +1,22 @@
+"""Lazy operators on xarray arrays: ``import tilepipe.accessor`` and then ``array.tilepipe.diffuse(…)``.
+
+Every operator keeps chunks, coordinates, attributes and CRS, computes nothing by itself when the array is lazy (over
+dask), and gives the same values whatever the chunks are: each chunk is computed with its halo.  The result is named
+after the operator.  Greys and lengths of pixels are those of the kernels; nodata is NaN or the array's own nodata
+value.
+"""
+
+from __future__ import annotations
+
+import xarray as xr
+
+from tilepipe.accessor.edges import EdgeOperators
+from tilepipe.accessor.objects import ObjectOperators
+from tilepipe.accessor.streets import StreetOperators
+
+__all__ = ["TilepipeAccessor"]
+
+
+@xr.register_dataarray_accessor("tilepipe")
+class TilepipeAccessor(StreetOperators, ObjectOperators, EdgeOperators):
+    """Operators of tilepipe on a raster with two dimensions (rows, columns)."""

@@ -1,0 +1,116 @@
+"""What all lazy operators share: chunks with their halos, nodata, and what an array carries beside its values."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import DTypeLike, NDArray
+
+from tilepipe.errors import InputError
+from tilepipe.io.sources import as_block, nodata_of
+from tilepipe.tiling.grid import Tile, TileGrid, Window
+
+BlockFunction = Callable[[NDArray[Any], Tile], NDArray[Any]]
+"""From a block with its halo to the values of its core."""
+
+_NODATA = ("_FillValue", "missing_value", "fill_value", "nodata", "nodatavals")
+_PACKING = ("dtype", "rasterio_dtype", "scale_factor", "add_offset")
+
+
+class BlockOperators:
+    """An array of two dimensions and how a function of blocks becomes an operator on it."""
+
+    def __init__(self, array: xr.DataArray) -> None:
+        if array.ndim != 2:
+            raise InputError(f"tilepipe works on arrays of two dimensions, not {array.ndim}: select a band first")
+        self._array = array
+
+    def _map(self, name: str, function: BlockFunction, halo: int, dtype: DTypeLike) -> xr.DataArray:
+        """Apply a local function, the operator ``name``, to every chunk and its halo."""
+        data, nodata = self._array.data, nodata_of(self._array)
+
+        def on_pieces(pieces: list[list[NDArray[Any]]], tile: Tile) -> NDArray[Any]:
+            return function(blanked(np.block(pieces), nodata), tile)
+
+        if not hasattr(data, "dask"):
+            return self._like(name, on_pieces([[np.asarray(data)]], TileGrid(data.shape, data.shape).tile(0)))
+        import dask
+        import dask.array as da
+
+        on_pieces.__name__ = name  # what the tasks are called on a dashboard
+        delayed, tiles = dask.delayed(on_pieces, pure=False), _chunk_tiles(data, halo)
+        chunks = data.to_delayed(optimize_graph=False)
+        blocks = [
+            [
+                da.from_delayed(delayed(_pieces(chunks, tiles, tile), tile), shape=tile.core.shape, dtype=dtype)
+                for tile in row
+            ]
+            for row in tiles
+        ]
+        return self._like(name, da.block(blocks))
+
+    def _like(self, name: str, data: Any) -> xr.DataArray:
+        """Other values under another name: same dims, coordinates, CRS and attributes but those of the nodata value."""
+        result = self._array.copy(data=data).rename(name)
+        marked = False
+        for name in _NODATA:
+            marked |= name in result.attrs or name in result.encoding
+            result.attrs.pop(name, None)
+        # how the input was packed on disk does not suit other values
+        for name in _NODATA + _PACKING:
+            result.encoding.pop(name, None)
+        if marked and result.dtype.kind == "f":
+            result.attrs["_FillValue"] = np.nan
+        return result
+
+
+def blanked(block: NDArray[Any], nodata: float | None) -> NDArray[Any]:
+    """A block with NaN where it holds the array's nodata value."""
+    return block if nodata is None or block.dtype.kind == "b" else as_block(block, nodata)
+
+
+def _chunk_tiles(data: Any, halo: int) -> list[list[Tile]]:
+    """The chunks of a dask array as tiles, row by row."""
+    rows, columns = (np.concatenate([[0], np.cumsum(sizes)]).tolist() for sizes in data.chunks)
+    tiles: list[list[Tile]] = []
+    number = 0
+    for i in range(len(rows) - 1):
+        tiles.append([])
+        for j in range(len(columns) - 1):
+            core = Window(rows[i], columns[j], rows[i + 1], columns[j + 1])
+            tiles[-1].append(Tile(number, i, j, core, core.padded(halo, data.shape)))
+            number += 1
+    return tiles
+
+
+def _pieces(chunks: NDArray[Any], tiles: list[list[Tile]], tile: Tile) -> list[list[Any]]:
+    """The parts of the chunks around a tile that make up its padded window; every chunk is computed only once."""
+    import dask
+
+    cut = dask.delayed(operator.getitem, pure=True)
+    found: list[list[Any]] = []
+    for i, row in enumerate(tiles):
+        if row[0].core.bottom <= tile.padded.top or row[0].core.top >= tile.padded.bottom:
+            continue
+        found.append([])
+        for j, other in enumerate(row):
+            part = tile.padded.intersection(other.core)
+            if not part.is_empty:
+                chunk = chunks[i, j]
+                found[-1].append(chunk if part == other.core else cut(chunk, part.relative_to(other.core).slices))
+    return found
+
+
+def even_grid(data: Any) -> TileGrid:
+    """The tiling of a dask array with even chunks."""
+    sizes = tuple(max(sizes) for sizes in data.chunks)
+    grid = TileGrid(tuple(data.shape), sizes)
+    if grid.counts != tuple(len(sizes) for sizes in data.chunks) or any(
+        size != sizes[0] for sizes in data.chunks for size in sizes[:-1]
+    ):
+        raise InputError(f"chunks {data.chunks} are uneven: rechunk to equal chunks first, for example .chunk(1024)")
+    return grid

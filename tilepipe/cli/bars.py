@@ -1,0 +1,69 @@
+"""Progress bars on a terminal: one per stage, with the tiles that an earlier run had finished."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from tilepipe.engine.passes import Progress, Silent
+
+if TYPE_CHECKING:
+    from rich.progress import Progress as Bars
+    from rich.progress import TaskID
+
+
+class ProgressBars:
+    """Shows each stage as a bar."""
+
+    def __init__(self, bars: Bars) -> None:
+        self.bars = bars
+        self.tasks: dict[str, TaskID] = {}
+
+    def start(self, name: str, total: int, done: int = 0) -> None:
+        """See `tilepipe.engine.passes.Progress.start`."""
+        self.bars.start()
+        note = f" ({done} done before)" if done else ""
+        self.tasks[name] = self.bars.add_task(f"{name}{note}", total=total, completed=done)
+
+    def advance(self, name: str) -> None:
+        """See `tilepipe.engine.passes.Progress.advance`."""
+        self.bars.advance(self.tasks[name])
+
+    def __call__(self, stage: str, done: int, total: int) -> None:
+        """Progress of work that counts by itself: ``done`` of ``total``."""
+        if stage not in self.tasks:
+            self.start(stage, total)
+        self.bars.update(self.tasks[stage], completed=done, total=total)
+
+
+@contextmanager
+def progress_bars(quiet: bool) -> Iterator[Progress]:
+    """Bars on standard error for the length of a block; nothing when ``quiet``."""
+    if quiet:
+        yield Silent()
+        return
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+    from rich.progress import Progress as Bars
+
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
+    shown = ProgressBars(Bars(*columns, console=Console(stderr=True)))
+    try:
+        yield shown
+    finally:
+        # bars that were never started would leave an empty line before an error
+        if shown.tasks:
+            shown.bars.stop()

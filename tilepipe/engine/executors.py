@@ -1,0 +1,150 @@
+"""Where tiles are computed: threads, processes, or the workers of a dask.distributed cluster.
+
+An executor takes a function and items and yields ``(item, result, error)`` in the order of completion.  At most a few
+items per worker are in flight, so that memory does not grow with the number of tiles.
+"""
+
+from __future__ import annotations
+
+import concurrent.futures
+import multiprocessing
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any, Protocol, TypeVar
+
+from tilepipe.engine.allocator import keep_freed_memory
+from tilepipe.errors import InputError
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+Outcome = tuple[Item, Result | None, BaseException | None]
+
+
+class Executor(Protocol):
+    """What a pass needs of an executor."""
+
+    workers: int
+
+    def run(self, function: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Outcome[Item, Result]]:
+        """Yield ``(item, result, error)`` for every item, in the order of completion."""
+        ...
+
+
+class SerialExecutor:
+    """Runs in the caller's thread, one item after the other: for one worker and for debugging."""
+
+    workers = 1
+
+    def run(self, function: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Outcome[Item, Result]]:
+        """See `Executor.run`."""
+        for item in items:
+            try:
+                yield item, function(item), None
+            except Exception as error:
+                yield item, None, error
+
+
+class PoolExecutor:
+    """Runs on a pool of ``concurrent.futures`` (threads or processes)."""
+
+    def __init__(self, pool: concurrent.futures.Executor, workers: int) -> None:
+        self.pool = pool
+        self.workers = workers
+
+    def run(self, function: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Outcome[Item, Result]]:
+        """See `Executor.run`; an abandoned iterator cancels what has not started."""
+        waiting = iter(items)
+        running: dict[concurrent.futures.Future[Result], Item] = {}
+        try:
+            while True:
+                while len(running) < self.workers + 1 and (item := next(waiting, None)) is not None:
+                    try:
+                        running[self.pool.submit(function, item)] = item
+                    except concurrent.futures.BrokenExecutor as broken:
+                        yield item, None, broken
+                if not running:
+                    return
+                done, _ = concurrent.futures.wait(running, return_when=concurrent.futures.FIRST_COMPLETED)
+                for future in done:
+                    item = running.pop(future)
+                    error = future.exception()
+                    yield item, None if error else future.result(), error
+        finally:
+            for future in running:
+                future.cancel()
+
+
+class ClusterExecutor:
+    """Runs on a dask.distributed cluster whose workers see the same file system."""
+
+    def __init__(self, client: Any) -> None:
+        self.client = client
+        self.workers = max(1, sum(client.nthreads().values()))
+
+    def run(self, function: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Outcome[Item, Result]]:
+        """See `Executor.run`."""
+        from distributed import as_completed
+
+        waiting = iter(items)
+        running: dict[Any, Item] = {}
+        completed = as_completed()
+        try:
+            while True:
+                while len(running) < 2 * self.workers and (item := next(waiting, None)) is not None:
+                    future = self.client.submit(function, item, pure=False)
+                    running[future] = item
+                    completed.add(future)
+                if not running:
+                    return
+                future = next(completed)
+                item = running.pop(future)
+                error = future.exception()
+                yield item, None if error else future.result(), error
+        finally:
+            for future in running:
+                future.cancel()
+
+
+@contextmanager
+def open_executor(kind: str, workers: int) -> Iterator[Executor]:
+    """Open the executor named on the command line and close it at the end.
+
+    Parameters
+    ----------
+    kind
+        ``threads``, ``processes``, or the address of a dask.distributed scheduler (``tcp://host:8786``).
+    workers
+        Number of threads or processes; a cluster brings its own number.
+
+    Raises
+    ------
+    InputError
+        When ``kind`` is none of these or the scheduler cannot be reached.
+    """
+    if kind == "threads" and workers == 1:
+        yield SerialExecutor()
+    elif kind == "threads":
+        pool = concurrent.futures.ThreadPoolExecutor(workers, thread_name_prefix="tile")
+        try:
+            yield PoolExecutor(pool, workers)
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
+    elif kind == "processes":
+        context = multiprocessing.get_context("spawn")
+        with concurrent.futures.ProcessPoolExecutor(workers, context, keep_freed_memory) as processes:
+            yield PoolExecutor(processes, workers)
+    elif "://" in kind:
+        yield from _open_cluster(kind)
+    else:
+        raise InputError(f"executor '{kind}' is unknown: use threads, processes or the address tcp://host:port")
+
+
+def _open_cluster(address: str) -> Iterator[Executor]:
+    from distributed import Client
+
+    try:
+        client = Client(address, timeout="10s")
+    except OSError as error:
+        raise InputError(f"no dask scheduler answers at {address}: start one or check the address") from error
+    with client:
+        yield ClusterExecutor(client)

@@ -1,0 +1,115 @@
+"""How a run is carried out: tiles, workers, memory. None of it changes a result."""
+
+from __future__ import annotations
+
+import operator
+import re
+from dataclasses import dataclass, field
+
+from tilepipe.engine.passes import default_workers
+from tilepipe.errors import InputError
+from tilepipe_kernels.core.arrays import Backend, choose_backend
+
+_UNITS = {"": 1, "K": 1 << 10, "M": 1 << 20, "G": 1 << 30, "T": 1 << 40}
+
+
+def parse_memory(text: str) -> int:
+    """Bytes of a size such as ``8GiB``, ``500MB`` or ``2G`` (all powers of 1024).
+
+    Raises
+    ------
+    InputError
+        When the text is no size.
+    """
+    match = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*([KMGT]?)(?:i?B)?\s*", text, re.IGNORECASE)
+    if not match:
+        raise InputError(f"memory '{text}' is not understood; write for example 8GiB or 500MiB")
+    return int(float(match[1]) * _UNITS[match[2].upper()])
+
+
+def format_memory(size: float) -> str:
+    """A number of bytes for people: ``1.4 GiB``."""
+    for unit in ("B", "KiB", "MiB"):
+        if size < 1024:
+            return f"{size:.0f} {unit}"
+        size /= 1024
+    return f"{size:.1f} GiB"
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """Options common to all pipelines.
+
+    Attributes
+    ----------
+    tile
+        Tile size in pixels.
+    workers
+        Threads or processes that work on tiles.
+    executor
+        ``threads``, ``processes``, or the address of a dask.distributed scheduler.
+    backend
+        ``numpy``, ``cupy`` (NVIDIA GPUs), or ``auto``: a GPU where this machine has one.  Of a cluster, whose
+        workers need not be like this machine, nothing is guessed: ``auto`` is ``numpy`` there.
+    memory
+        Most memory that the run may use, in bytes; checked before work starts.  The same bounds the memory that it
+        takes of a GPU.
+    seed
+        Seed of all random draws.
+    format
+        Format of the tables: ``parquet``, ``gpkg``, ``fgb`` or ``geojson``.
+    overwrite
+        Replace a finished run.
+    """
+
+    tile: int = 2048
+    workers: int = field(default_factory=default_workers)
+    executor: str = "threads"
+    backend: str = "auto"
+    memory: int = 8 << 30
+    seed: int = 0
+    format: str = "parquet"
+    overwrite: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ("tile", "workers", "memory", "seed"):
+            value = getattr(self, name)
+            try:
+                object.__setattr__(self, name, operator.index(value))
+            except TypeError:
+                raise InputError(f"{name} {value!r} is no whole number") from None
+        if self.tile < 1:
+            raise InputError(f"tile size {self.tile} is too small: use at least 1, better 1024 or more")
+        if self.workers < 1:
+            raise InputError(f"{self.workers} workers cannot work: use at least 1")
+        if not 0 <= self.seed < 1 << 62:
+            raise InputError(f"seed {self.seed} cannot be used: take a number from 0 to 2^62")
+        if self.backend not in ("auto", "numpy", "cupy"):
+            raise InputError(f"backend '{self.backend}' is unknown: use auto, numpy or cupy")
+        if self.format not in ("parquet", "gpkg", "fgb", "geojson"):
+            raise InputError(f"format '{self.format}' is unknown: use parquet, gpkg, fgb or geojson")
+
+    @property
+    def uses_cluster(self) -> bool:
+        """Whether tiles are computed by the workers of a cluster."""
+        return "://" in self.executor
+
+    def resolved_backend(self) -> Backend:
+        """The backend of the passes.
+
+        Raises
+        ------
+        InputError
+            For ``cupy`` where this machine computes the tiles and cannot; the message says why.
+        """
+        if self.uses_cluster:
+            return "cupy" if self.backend == "cupy" else "numpy"
+        try:
+            return choose_backend(self.backend)
+        except ValueError as error:
+            raise InputError(f"backend '{self.backend}' does not work here: {error}; or use --backend numpy") from None
+
+    @property
+    def device_memory(self) -> int:
+        """Most memory that a process may take of a GPU, in bytes."""
+        return self.memory // (self.workers if self.executor == "processes" else 1)

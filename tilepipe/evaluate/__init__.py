@@ -1,0 +1,1 @@
+"""Scores of lines, polygons and edges against a truth."""

@@ -1,0 +1,309 @@
+"""Point clouds (LAS, LAZ, COPC): headers checked once, points read in chunks as integers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import laspy
+import numpy as np
+from laspy import DecompressionSelection, LazBackend
+from numpy.typing import NDArray
+from pyproj import CRS
+from pyproj.exceptions import CRSError
+
+from tilepipe.errors import InputError
+from tilepipe.io.georeference import check_named_crs, split_crs
+
+Value = Literal["height", "intensity"]
+Returns = Literal["first", "last", "all"]
+
+NOISE_CLASSES = (7, 18)
+"""ASPRS classes low and high noise, left out unless asked for."""
+
+_FIELDS = (
+    DecompressionSelection.XY_RETURNS_CHANNEL
+    | DecompressionSelection.Z
+    | DecompressionSelection.CLASSIFICATION
+    | DecompressionSelection.FLAGS
+    | DecompressionSelection.INTENSITY
+)
+_VERTICAL_CRS_KEY, _VERTICAL_UNIT_KEY = 4096, 4099
+_UNIT_NAMES = {9001: "metre", 9002: "foot", 9003: "US survey foot"}
+
+
+@dataclass(frozen=True)
+class Cloud:
+    """What the header of one point cloud says.
+
+    Attributes
+    ----------
+    path
+        The file.
+    points
+        Number of points, at least 1.
+    scales, offsets
+        For x, y, z: coordinate = integer * scale + offset, in CRS units.
+    lowest, highest
+        Bounding box in those integers.
+    crs
+        Horizontal part of the CRS, or None if the header names none.
+    vertical_unit
+        Unit of heights by name, or None if the header names none.
+    """
+
+    path: Path
+    points: int
+    scales: tuple[float, float, float]
+    offsets: tuple[float, float, float]
+    lowest: tuple[int, int, int]
+    highest: tuple[int, int, int]
+    crs: CRS | None
+    vertical_unit: str | None
+
+
+Chunk = tuple[int, NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]
+"""Points read, and of those that count x, y and value; see `read_points`."""
+
+
+@dataclass(frozen=True)
+class PointFilter:
+    """Which points count: withheld points never; ``classes`` None means all but noise (7 and 18)."""
+
+    classes: tuple[int, ...] | None = None
+    returns: Returns = "all"
+
+    def keep(self, chunk: Any) -> NDArray[np.bool_]:
+        """True for each point of a chunk that counts."""
+        classes = np.asarray(chunk.classification)
+        kept = ~np.isin(classes, NOISE_CLASSES) if self.classes is None else np.isin(classes, self.classes)
+        kept &= np.asarray(chunk.withheld) == 0
+        # Writers that know no returns leave zeros: such points are both first and last.
+        if self.returns == "first":
+            kept &= np.asarray(chunk.return_number) <= 1
+        elif self.returns == "last":
+            kept &= np.asarray(chunk.return_number) >= np.asarray(chunk.number_of_returns)
+        return kept
+
+
+def metres_per_unit(crs: CRS) -> float:
+    """Length of a projected CRS's unit in metres.
+
+    Raises
+    ------
+    InputError
+        If the CRS is not projected (degrees are no lengths).
+    """
+    if not crs.is_projected:
+        raise InputError(
+            f"the CRS {crs.name!r} is not projected, so lengths in metres have no meaning in it; "
+            "reproject the clouds to a projected CRS (UTM or a national grid) first"
+        )
+    return float(crs.axis_info[0].unit_conversion_factor)
+
+
+def _vertical_unit_of_keys(header: laspy.LasHeader) -> str | None:
+    for directory in header.vlrs.get("GeoKeyDirectoryVlr"):
+        keys = {key.id: key.value_offset for key in directory.geo_keys}
+        if keys.get(_VERTICAL_UNIT_KEY) in _UNIT_NAMES:
+            return _UNIT_NAMES[keys[_VERTICAL_UNIT_KEY]]
+        try:
+            return str(CRS.from_epsg(keys[_VERTICAL_CRS_KEY]).axis_info[0].unit_name)
+        except (KeyError, IndexError, CRSError):
+            continue
+    return None
+
+
+def _crs_of(header: laspy.LasHeader) -> tuple[CRS | None, str | None]:
+    try:
+        crs = header.parse_crs()
+    except CRSError:
+        crs = None
+    if crs is None:
+        return None, _vertical_unit_of_keys(header)
+    horizontal, vertical = split_crs(crs)
+    return horizontal, str(vertical.unit_name) if vertical else _vertical_unit_of_keys(header)
+
+
+def find_clouds(paths: Sequence[str | Path]) -> list[Path]:
+    """Files named, and the LAS and LAZ files directly in folders named; sorted, each once.
+
+    Raises
+    ------
+    InputError
+        Naming the folder that holds none.
+    """
+    found: set[Path] = set()
+    for path in map(Path, paths):
+        if path.is_dir():
+            inside = [file.resolve() for file in path.iterdir() if file.suffix.lower() in (".las", ".laz")]
+            if not inside:
+                raise InputError(f"{path}: no .las or .laz file in this folder")
+            found.update(inside)
+        else:
+            found.add(path.resolve())
+    return sorted(found)
+
+
+def read_cloud(path: str | Path) -> Cloud:
+    """Read and check the header of a LAS, LAZ or COPC file.
+
+    Raises
+    ------
+    InputError
+        Naming the file, if it is missing, not a point cloud, without points, or has a header without sense.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise InputError(f"{path}: no such file")
+    try:
+        with laspy.open(path) as reader:
+            header = reader.header
+            count = int(header.point_count)
+            scales, offsets = header.scales.astype(float), header.offsets.astype(float)
+            bounds = np.stack([header.mins, header.maxs]).astype(float)
+            crs, vertical_unit = _crs_of(header)
+    except Exception as error:
+        reason = "is no point cloud" if isinstance(error, laspy.LaspyException) and "signature" in str(error) else error
+        raise InputError(f"{path}: not a readable LAS, LAZ or COPC file ({reason})") from error
+    if count == 0:
+        raise InputError(f"{path}: the cloud has no points; leave the file out")
+    raw = np.rint((bounds - offsets) / scales) if (scales > 0).all() else np.full((2, 3), np.nan)
+    if not (np.abs(raw) < 2.0**31).all() or (raw[0] > raw[1]).any():
+        raise InputError(f"{path}: scales, offsets or bounding box in the header make no sense; repair it")
+    lowest, highest = raw.astype(int).tolist()
+    return Cloud(
+        path,
+        count,
+        tuple(scales.tolist()),
+        tuple(offsets.tolist()),
+        tuple(lowest),
+        tuple(highest),
+        crs,
+        vertical_unit,
+    )
+
+
+def common_crs(clouds: Sequence[Cloud], crs: str | CRS | None = None) -> tuple[CRS, str]:
+    """The one projected CRS of all clouds, and the unit of their heights.
+
+    Parameters
+    ----------
+    clouds
+        At least one.
+    crs
+        For clouds that name none; no cloud may name another.
+
+    Returns
+    -------
+    crs
+        Horizontal.
+    vertical_unit
+        By name; that of the horizontal CRS where neither the headers nor ``crs`` name one.
+
+    Raises
+    ------
+    InputError
+        If a cloud has no CRS and none is given, or names another than is given, if CRSs or height units differ,
+        or if the CRS is not projected.
+    """
+    given: CRS | None = None
+    given_unit: str | None = None
+    if crs is not None:
+        try:
+            given, vertical = split_crs(CRS.from_user_input(crs))
+        except CRSError as error:
+            raise InputError(f"cannot understand the CRS {crs!r}; write it as EPSG:n") from error
+        given_unit = str(vertical.unit_name) if vertical else None
+    first: tuple[CRS, str] | None = None
+    for cloud in clouds:
+        horizontal = cloud.crs or given
+        if horizontal is None:
+            raise InputError(f"{cloud.path}: the file names no CRS; pass --crs EPSG:n")
+        if cloud.crs is not None and given is not None:
+            check_named_crs(str(cloud.path), cloud.crs, given)
+        metres_per_unit(horizontal)
+        unit = cloud.vertical_unit or given_unit or str(horizontal.axis_info[0].unit_name)
+        if first is None:
+            first = horizontal, unit
+        elif not horizontal.equals(first[0], ignore_axis_order=True):
+            raise InputError(
+                f"{cloud.path} is in {horizontal.name!r} but {clouds[0].path} in {first[0].name!r}; "
+                "reproject the clouds to one CRS first"
+            )
+        elif unit != first[1]:
+            raise InputError(
+                f"heights of {cloud.path} are in {unit} but those of {clouds[0].path} in {first[1]}; "
+                "convert the clouds to one unit first"
+            )
+    if first is None:
+        raise InputError("no point clouds given")
+    return first
+
+
+def value_quantum(clouds: Sequence[Cloud], value: Value) -> float:
+    """Size of a value's tick: 1 for intensity, for heights the finest z scale (coarser if int32 needs it)."""
+    if value == "intensity":
+        return 1.0
+    quantum = min(cloud.scales[2] for cloud in clouds)
+    extreme = max(
+        abs(raw * cloud.scales[2] + cloud.offsets[2]) for cloud in clouds for raw in (cloud.lowest[2], cloud.highest[2])
+    )
+    while extreme / quantum >= 2**31 - 1:
+        quantum *= 10
+    return quantum
+
+
+def read_points(
+    cloud: Cloud, value: Value, quantum: float, point_filter: PointFilter, chunk_points: int, parallel: bool
+) -> Iterator[Chunk]:
+    """Read a cloud in chunks.
+
+    Yields
+    ------
+    count, x, y, values
+        Number of points read; of those that pass the filter the LAS integer coordinates and the values in
+        ticks of ``quantum``, all int32.
+
+    Raises
+    ------
+    InputError
+        Naming the file, if it is cut off or damaged, or has points outside the bounding box of its header.
+    """
+    backend = LazBackend.LazrsParallel if parallel else LazBackend.Lazrs
+    left = cloud.points
+    try:
+        with laspy.open(cloud.path, laz_backend=backend, decompression_selection=_FIELDS) as reader:
+            while left > 0:
+                wanted = min(chunk_points, left)
+                chunk = reader.read_points(wanted)
+                if len(chunk) < wanted:
+                    raise InputError(f"{cloud.path}: cut off {left - len(chunk):,} points before its end")
+                left -= wanted
+                yield wanted, *_columns(cloud, chunk, value, quantum, point_filter)
+    except InputError:
+        raise
+    except Exception as error:
+        raise InputError(f"{cloud.path}: damaged or cut off ({error}); get a fresh copy") from error
+
+
+def _columns(
+    cloud: Cloud, chunk: Any, value: Value, quantum: float, point_filter: PointFilter
+) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]:
+    x, y = np.array(chunk.X, np.int32), np.array(chunk.Y, np.int32)
+    for axis, raw in enumerate((x, y, np.asarray(chunk.Z))):
+        if int(raw.min()) < cloud.lowest[axis] or int(raw.max()) > cloud.highest[axis]:
+            raise InputError(
+                f"{cloud.path}: points lie outside the bounding box of the header; repair it (lasinfo -repair_bb)"
+            )
+    if value == "intensity":
+        values = np.array(chunk.intensity, np.int32)
+    else:
+        heights = np.asarray(chunk.Z) * cloud.scales[2] + cloud.offsets[2]
+        values = np.rint(heights / quantum).astype(np.int32)
+    keep = point_filter.keep(chunk)
+    if keep.all():
+        return x, y, values
+    return x[keep], y[keep], values[keep]

@@ -1,0 +1,228 @@
+"""Open rasters: one file or many tiles as one mosaic on one pixel grid, read window by window.
+
+A `Raster` knows its grid (CRS, pixel size, origin, shape) and reads any window as float32 with NaN for nodata.  The
+sources behind it are GeoTIFF, COG or VRT files (`tilepipe.io.sources.FileSource`) or arrays (`ArraySource`: Zarr stores
+and xarray objects).  Everything that could go silently wrong with georeferencing is refused here.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tilepipe.errors import InputError
+from tilepipe.io.georeference import Geometry, same_unit
+from tilepipe.io.sources import Source, open_source
+from tilepipe.tiling.grid import Window
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+_ALIGNMENT = 1e-2
+"""Largest misalignment of two tiles that is taken for rounding, in pixels."""
+
+
+@dataclass(frozen=True)
+class Member:
+    """A source and the window of the mosaic that it covers."""
+
+    source: Source
+    window: Window
+
+
+@dataclass(frozen=True)
+class Raster:
+    """One or many sources as one raster; where they overlap the first valid value in the given order holds."""
+
+    geometry: Geometry
+    members: tuple[Member, ...]
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of the mosaic."""
+        return self.geometry.shape
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the sources, for messages and for the record of a run."""
+        return [member.source.name for member in self.members]
+
+    def read(self, window: Window) -> NDArray[np.float32]:
+        """Read a window of the mosaic.
+
+        Parameters
+        ----------
+        window
+            Window inside the mosaic.
+
+        Returns
+        -------
+        ndarray of float32, shape ``window.shape``
+            Values with NaN for nodata, for infinities, and for pixels that no source covers.
+        """
+        touched = [m for m in self.members if not m.window.intersection(window).is_empty]
+        if len(touched) == 1 and touched[0].window.intersection(window) == window:
+            return touched[0].source.read(window.relative_to(touched[0].window))
+        block = np.full(window.shape, np.nan, np.float32)
+        for member in touched:
+            part = member.window.intersection(window)
+            values = member.source.read(part.relative_to(member.window))
+            target = block[part.relative_to(window).slices]
+            np.copyto(target, values, where=np.isnan(target))
+        return block
+
+
+def open_raster(
+    inputs: Sequence[str | Path | xr.DataArray], *, crs: str | None = None, band: int | None = None
+) -> Raster:
+    """Open one or many rasters as one mosaic.
+
+    Parameters
+    ----------
+    inputs
+        Paths of GeoTIFF, COG, VRT or Zarr rasters, or xarray arrays; all on one pixel grid.
+    crs
+        Coordinate reference system such as ``EPSG:28992`` for inputs that name none; no input may name another.
+    band
+        Band to use (from 1); needed when an input has several.
+
+    Returns
+    -------
+    Raster
+        The mosaic, read lazily.
+
+    Raises
+    ------
+    InputError
+        When an input is missing, damaged or no raster, has no or a geographic CRS or another than ``crs``, is
+        rotated, has no square pixels, does not lie on the grid of the first, or has another unit of heights; the
+        message names it and says what to do.
+    """
+    if not inputs:
+        raise InputError("no input raster: name at least one file")
+    sources = [open_source(item, crs=crs, band=band) for item in inputs]
+    first = sources[0].geometry
+    for source in sources[1:]:
+        _check_same_grid(source, sources[0])
+        _check_same_heights(source, sources[0])
+    offsets = [
+        (
+            round((first.top - source.geometry.top) / first.pixel),
+            round((source.geometry.left - first.left) / first.pixel),
+        )
+        for source in sources
+    ]
+    top, left = min(row for row, _ in offsets), min(column for _, column in offsets)
+    members = []
+    for source, (row, column) in zip(sources, offsets, strict=True):
+        rows, columns = source.geometry.shape
+        window = Window(row - top, column - left, row - top + rows, column - left + columns)
+        members.append(Member(source, window))
+    shape = max(m.window.bottom for m in members), max(m.window.right for m in members)
+    # everything comes from extremes, so that the order of inputs does not matter
+    corner_left = min(source.geometry.left for source in sources)
+    corner_top = max(source.geometry.top for source in sources)
+    pixel = min(source.geometry.pixel for source in sources)
+    crs, metres = min((len(s.geometry.crs), s.geometry.crs, s.geometry.metres) for s in sources)[1:]
+    height_metres = min(source.geometry.height_metres for source in sources)
+    geometry = Geometry(crs, corner_left, corner_top, pixel, shape, metres, height_metres)
+    return Raster(geometry, tuple(members))
+
+
+def _check_same_grid(source: Source, reference: Source) -> None:
+    """Refuse a source whose CRS, pixel size or alignment differs from the reference's."""
+    from pyproj import CRS
+
+    mine, theirs = source.geometry, reference.geometry
+    if mine.crs != theirs.crs and not CRS(mine.crs).equals(CRS(theirs.crs), ignore_axis_order=True):
+        raise InputError(
+            f"{source.name}: its CRS ({_short(mine.crs)}) differs from that of {reference.name} "
+            f"({_short(theirs.crs)}); reproject one of them with gdalwarp"
+        )
+    if not math.isclose(mine.pixel, theirs.pixel, rel_tol=1e-6):
+        raise InputError(
+            f"{source.name}: its pixel size {mine.pixel} differs from {theirs.pixel} of {reference.name}; "
+            "resample one of them with gdalwarp -tr"
+        )
+    for distance in (mine.left - theirs.left, mine.top - theirs.top):
+        if abs(distance / theirs.pixel - round(distance / theirs.pixel)) > _ALIGNMENT:
+            raise InputError(
+                f"{source.name}: its pixels do not line up with those of {reference.name}; "
+                "resample one of them with gdalwarp -tap"
+            )
+
+
+def _check_same_heights(source: Source, reference: Source) -> None:
+    """Refuse a source whose heights would be in another unit than the reference's."""
+    mine, theirs = source.geometry.height_metres, reference.geometry.height_metres
+    if not same_unit(mine, theirs):
+        raise InputError(
+            f"{source.name}: its heights count in units of {mine:.6g} m, those of {reference.name} in {theirs:.6g} m; "
+            "convert one of them, or name the unit in both with gdal_edit -units"
+        )
+
+
+def _short(crs: str) -> str:
+    from pyproj import CRS
+
+    return crs if len(crs) < 20 else CRS(crs).name
+
+
+def check_aligned(raster: Raster, reference: Raster, role: str) -> Window:
+    """Window of ``raster`` in the pixel coordinates of ``reference``, which must share its grid.
+
+    Raises
+    ------
+    InputError
+        When CRS, pixel size or alignment differ; ``role`` names the raster in the message.
+    """
+    source, target = raster.members[0].source, reference.members[0].source
+    try:
+        _check_same_grid(source, target)
+    except InputError as error:
+        raise InputError(f"{role} {error}") from None
+    row = round((reference.geometry.top - raster.geometry.top) / reference.geometry.pixel)
+    column = round((raster.geometry.left - reference.geometry.left) / reference.geometry.pixel)
+    return Window(row, column, row + raster.shape[0], column + raster.shape[1])
+
+
+def as_dataarray(raster: Raster, *, chunks: int = 2048) -> xr.DataArray:
+    """The mosaic as a lazy xarray array over dask, with CRS and coordinates as rioxarray understands them.
+
+    Parameters
+    ----------
+    raster
+        Open raster.
+    chunks
+        Chunk size in pixels.
+
+    Returns
+    -------
+    xarray.DataArray of float32, dims ``(y, x)``
+        Lazy array with NaN for nodata; ``.rio.crs`` and ``.rio.transform()`` hold.
+    """
+    import dask.array as da
+    import rioxarray  # noqa: F401
+    import xarray as xr
+
+    geometry = raster.geometry
+
+    def read_block(block_info: dict[int | None, dict[str, list[tuple[int, int]]]]) -> NDArray[np.float32]:
+        (top, bottom), (left, right) = block_info[None]["array-location"]
+        return raster.read(Window(top, left, bottom, right))
+
+    sizes = tuple(tuple(min(chunks, n - i) for i in range(0, n, chunks)) for n in geometry.shape)
+    data = da.map_blocks(read_block, chunks=sizes, dtype=np.float32, meta=np.empty((0, 0), np.float32))
+    half = geometry.pixel / 2
+    coords = {
+        "y": geometry.top - half - geometry.pixel * np.arange(geometry.shape[0]),
+        "x": geometry.left + half + geometry.pixel * np.arange(geometry.shape[1]),
+    }
+    array = xr.DataArray(data, dims=("y", "x"), coords=coords, name="raster")
+    return array.rio.write_crs(geometry.crs).rio.write_nodata(np.nan)  # type: ignore[no-any-return]

@@ -1,0 +1,164 @@
+"""Tables of lines or polygons, read from files or from the folder of a run, and their coordinates in metres."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tilepipe.errors import InputError
+
+if TYPE_CHECKING:
+    from geopandas import GeoDataFrame
+
+LINES = ("LineString", "MultiLineString")
+POLYGONS = ("Polygon", "MultiPolygon")
+
+_RESULTS = ("centerlines", "buildings", "objects", "edges")
+"""Tables of runs that can be scored; of a folder, the first that is there."""
+
+
+@dataclass(frozen=True)
+class VectorLayer:
+    """A table of geometries with its name for messages."""
+
+    name: str
+    table: GeoDataFrame
+
+    @property
+    def types(self) -> set[str]:
+        """Types of its geometries; none for an empty layer."""
+        return set(self.table.geom_type.dropna())
+
+    @property
+    def metres_per_unit(self) -> float:
+        """See `metres_per_unit`."""
+        return metres_per_unit(self.table.crs, self.name)
+
+    def of(self, types: tuple[str, ...]) -> VectorLayer:
+        """Return the layer itself.
+
+        Raises
+        ------
+        InputError
+            It holds geometries of other types.
+        """
+        if not self.types <= set(types):
+            raise InputError(f"the {self.name} holds {', '.join(sorted(self.types))}; give {' or '.join(types)}")
+        return self
+
+    def in_metres(self) -> NDArray[np.object_]:
+        """Geometries with coordinates in metres; see `in_metres`."""
+        return in_metres(self.table.geometry.to_numpy(), self.metres_per_unit)
+
+
+def read_layer(source: str | os.PathLike[str] | VectorLayer, role: str) -> VectorLayer:
+    """Read a vector file (GeoParquet or anything GDAL reads); `role` is what messages call it.
+
+    Raises
+    ------
+    InputError
+        The file is missing or unreadable, or names no CRS.
+    """
+    import geopandas
+
+    if isinstance(source, VectorLayer):
+        return source
+    path, name = Path(source), f"{role} {os.fspath(source)}"
+    if path.is_dir() and path.suffix != ".gdb":
+        raise InputError(f"the {name} is a folder; name a file in it")
+    if not path.exists():
+        raise InputError(f"the {name} does not exist; correct the path")
+    try:
+        table = geopandas.read_parquet(path) if path.suffix == ".parquet" else geopandas.read_file(path)
+    except Exception as error:
+        raise InputError(
+            f"the {name} cannot be read as lines or polygons; give a layer of a run ({', '.join(_RESULTS)}) "
+            "or another GeoParquet, GeoPackage, FlatGeobuf or GeoJSON file"
+        ) from error
+    if not isinstance(table, geopandas.GeoDataFrame):
+        raise InputError(f"the {name} holds no geometry; give a layer of {' or '.join(LINES + POLYGONS)}")
+    if table.crs is None:
+        raise InputError(f"the {name} names no CRS; write it into the file")
+    return VectorLayer(name, table)
+
+
+def read_vectors(path: Path, role: str, types: tuple[str, ...] = LINES) -> GeoDataFrame:
+    """Table of a vector file of given types of geometry; see `read_layer`."""
+    return read_layer(path, role).of(types).table
+
+
+def read_result(source: str | os.PathLike[str] | VectorLayer) -> VectorLayer:
+    """Read an extracted layer: a vector file, or the layer of a run's folder that can be scored.
+
+    Raises
+    ------
+    InputError
+        See `read_layer`; a folder holds no such layer.
+    """
+    if isinstance(source, VectorLayer) or not Path(source).is_dir():
+        return read_layer(source, "result")
+    found = (run_table(Path(source), name) for name in _RESULTS)
+    table = next((path for path in found if path is not None), None)
+    if table is None:
+        names = ", ".join(f"no {name}.parquet" for name in _RESULTS)
+        raise InputError(f"{os.fspath(source)} holds {names}; give the folder of a finished run")
+    return read_layer(table, "result")
+
+
+def are_polygons(result: VectorLayer, truth: VectorLayer) -> bool:
+    """Whether two layers are to be scored as polygons, not as lines; an empty layer may be either.
+
+    Raises
+    ------
+    InputError
+        One layer holds polygons and the other does not.
+    """
+    found = result.types | truth.types
+    if found & set(LINES) and found & set(POLYGONS):
+        both = " and ".join(", ".join(sorted(layer.types)) for layer in (result, truth))
+        raise InputError(f"result and truth hold {both}; give two layers of lines, or two of polygons")
+    return bool(found & set(POLYGONS))
+
+
+def metres_per_unit(crs: Any, name: str) -> float:
+    """Length in metres of the unit of a projected CRS; `name` is what an error message calls its owner.
+
+    Raises
+    ------
+    InputError
+        There is no CRS, or it is geographic (degrees are no lengths).
+    """
+    from pyproj import CRS
+
+    if crs is None:
+        raise InputError(f"{name} names no CRS, so metres are unknown; write the CRS into the file")
+    crs = CRS.from_user_input(crs)
+    if crs.is_geographic:
+        raise InputError(
+            f"{name} is in longitude and latitude ({crs.name}), where a buffer in metres has no meaning; "
+            "give a projected file, such as the GeoParquet of the run"
+        )
+    return float(crs.axis_info[0].unit_conversion_factor) if crs.axis_info else 1.0
+
+
+def run_table(folder: Path, name: str) -> Path | None:
+    """Find the table `name` in a run's folder, in whatever format it was written, or None."""
+    from tilepipe.io.formats import SUFFIX
+
+    for suffix in SUFFIX.values():
+        if (folder / f"{name}{suffix}").is_file():
+            return folder / f"{name}{suffix}"
+    return None
+
+
+def in_metres(geometry: NDArray[np.object_], metres: float) -> NDArray[np.object_]:
+    """Geometries without heights, their coordinates multiplied by the length of the unit in metres."""
+    import shapely
+
+    scaled: NDArray[np.object_] = shapely.transform(shapely.force_2d(geometry), lambda points: points * metres)
+    return scaled

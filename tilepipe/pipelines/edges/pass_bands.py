@@ -1,0 +1,181 @@
+"""A photograph of one or many bands as one grey raster: its luminance, or its first principal component."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tilepipe.engine.ledger import Facts
+from tilepipe.errors import InputError
+from tilepipe.io.raster import Raster, open_raster
+from tilepipe.io.sources import ARRAY
+from tilepipe.tiling.grid import Tile, Window
+
+LUMINANCE = (0.299, 0.587, 0.114)
+"""Weights of red, green and blue (ITU-R BT.601)."""
+
+PRINCIPAL_COMPONENT = "first principal component"
+
+Grey = Literal["automatic", "luminance", "principal"]
+
+_MOST_SAMPLES = 1 << 18
+"""Pixels of which the principal component is found."""
+
+
+@dataclass(frozen=True)
+class Photograph:
+    """Bands on one pixel grid and their weights in the grey value.
+
+    Attributes
+    ----------
+    bands
+        One raster per band.
+    weights
+        Weight of each band; None = the first principal component, not found yet.
+    conversion
+        What the grey value is: ``single band``, ``luminance`` or ``first principal component``.
+    """
+
+    bands: tuple[Raster, ...]
+    weights: tuple[float, ...] | None
+    conversion: str
+
+    @property
+    def raster(self) -> Raster:
+        """The first band: grid, names and stamps are those of all."""
+        return self.bands[0]
+
+    def read(self, window: Window) -> NDArray[np.float32]:
+        """Grey values of a window, float32; NaN where any band is nodata."""
+        if self.weights is None:
+            raise ValueError("the weights of the bands are not known yet")
+        if self.weights == (1.0,):
+            return self.raster.read(window)
+        grey = self.raster.read(window) * np.float32(self.weights[0])
+        for band, weight in zip(self.bands[1:], self.weights[1:], strict=True):
+            grey += band.read(window) * np.float32(weight)
+        return grey
+
+    @property
+    def spacing(self) -> int:
+        """Distance in pixels of the global rows and columns of which samples are taken."""
+        return max(1, math.isqrt(math.prod(self.raster.shape) // _MOST_SAMPLES))
+
+    def with_principal_component(self, facts: Iterable[Facts]) -> Photograph:
+        """Weights from the samples of all tiles, which are put into the order of the raster first.
+
+        Raises
+        ------
+        InputError
+            When no pixel is valid in all bands.
+        """
+        parts = list(facts)
+        order = np.argsort(np.concatenate([part["site"] for part in parts]), kind="stable")
+        samples = np.concatenate([part["sample"] for part in parts])[order].astype(np.float64)
+        if not len(samples):
+            raise InputError(
+                f"{self.raster.names[0]}: no pixel is valid in all bands; check the nodata value or choose a --band"
+            )
+        return replace(self, weights=principal_weights(samples))
+
+
+def principal_weights(samples: NDArray[np.float64]) -> tuple[float, ...]:
+    """Direction of the largest variance of samples (n, bands), scaled to a sum of absolute weights of 1.
+
+    Its sign is such that the weights sum to more than 0: bright stays bright.
+    """
+    deviations = samples - samples.mean(axis=0)
+    _, vectors = np.linalg.eigh(deviations.T @ deviations)
+    axis = vectors[:, -1]
+    axis = axis * (1 if axis.sum() >= 0 else -1) / np.abs(axis).sum()
+    # rounded, so that the last bits of a solver do not show
+    return tuple(float(weight) for weight in np.round(axis, 6))
+
+
+def sample_bands(photograph: Photograph, tile: Tile) -> Facts:
+    """Tile function (halo 0): facts are the pixels of a global lattice that are valid in all bands."""
+    core, spacing = tile.core, photograph.spacing
+    rows = np.arange(-(-core.top // spacing) * spacing, core.bottom, spacing)
+    columns = np.arange(-(-core.left // spacing) * spacing, core.right, spacing)
+    at = np.ix_(rows - core.top, columns - core.left)
+    values = np.stack([band.read(core)[at].reshape(-1) for band in photograph.bands], axis=1)
+    site = (rows[:, None] * photograph.raster.shape[1] + columns).reshape(-1)
+    valid = ~np.isnan(values).any(axis=1)
+    return {"site": site[valid], "sample": values[valid]}
+
+
+def open_photograph(inputs: Sequence[Any], *, crs: str | None, band: int | None, grey: Grey) -> Photograph:
+    """Open one or many images as one photograph.
+
+    Parameters
+    ----------
+    inputs
+        Paths or xarray arrays, one mosaic; all have the same bands.
+    crs
+        ``EPSG:n`` for inputs that name no CRS.
+    band
+        The only band to use; None = all but an alpha band.
+    grey
+        ``luminance`` needs red, green and blue; ``principal`` at least two bands; ``automatic`` takes one band as is,
+        luminance where there are three bands or bands are tagged red, green and blue, else the first principal
+        component.
+
+    Raises
+    ------
+    InputError
+        As `open_raster`; or when the bands do not suit ``grey``.
+    """
+    if not inputs:
+        raise InputError("no input image: name at least one file")
+    bands, colours = _colour_bands(inputs[0]) if band is None else ([band], None)
+    if len(bands) <= 1:
+        raster = open_raster(inputs, crs=crs, band=bands[0] if bands else None)
+        if grey != "automatic":
+            which = "it has one band" if band is None else f"--band {band} chooses one band"
+            raise InputError(f"{_name(inputs[0])}: {which}, which is grey as it is; leave out --set grey={grey}")
+        return Photograph((raster,), (1.0,), "single band")
+    if grey == "luminance" and colours is None:
+        raise InputError(
+            f"{_name(inputs[0])}: has {len(bands)} bands and none tagged as red, green and blue; "
+            "use --set grey=principal or --band n"
+        )
+    if grey != "principal" and colours is not None:
+        return Photograph(_opened(inputs, crs, colours), LUMINANCE, "luminance")
+    return Photograph(_opened(inputs, crs, bands), None, PRINCIPAL_COMPONENT)
+
+
+def _opened(inputs: Sequence[Any], crs: str | None, bands: Sequence[int]) -> tuple[Raster, ...]:
+    return tuple(open_raster(inputs, crs=crs, band=band) for band in bands)
+
+
+def _name(item: Any) -> str:
+    return str(item) if isinstance(item, (str, Path)) else ARRAY
+
+
+def _colour_bands(item: Any) -> tuple[list[int], list[int] | None]:
+    """Numbers of all bands but alpha, none where only opening it tells; and of red, green and blue if known."""
+    if isinstance(item, (str, Path)) and not Path(item).is_dir():
+        import rasterio
+        from rasterio.enums import ColorInterp
+        from rasterio.errors import RasterioError
+
+        try:
+            with rasterio.open(item) as dataset:
+                meanings = dataset.colorinterp
+        except RasterioError:
+            return [], None  # opening it as a raster says what is wrong
+        bands = [number for number, meaning in enumerate(meanings, 1) if meaning != ColorInterp.alpha]
+        named = [ColorInterp.red, ColorInterp.green, ColorInterp.blue]
+        if all(meaning in meanings for meaning in named):
+            return bands, [meanings.index(meaning) + 1 for meaning in named]
+        return bands, bands if len(bands) == 3 else None
+    shape = getattr(item, "shape", ())
+    count = min(shape) if len(shape) == 3 else 0
+    bands = list(range(1, count + 1))
+    return bands, bands if count == 3 else None

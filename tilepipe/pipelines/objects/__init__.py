@@ -1,0 +1,1 @@
+"""Object and building polygons from lidar heights (Galvanin et al. 2007)."""

@@ -1,0 +1,93 @@
+"""First pass of `objects`: the quadtree leaves of a tile, their contacts, and what the seams need to know."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tilepipe.engine.ledger import Facts
+from tilepipe.engine.passes import StateArray, write_state
+from tilepipe.io.raster import Raster
+from tilepipe.pipelines.objects.leaf_features import TICKS_PER_METRE, ReliefGauge
+from tilepipe.pipelines.objects.parameters import ObjectParameters
+from tilepipe.tiling.grid import Tile, TileGrid
+from tilepipe.tiling.seams import edge_facts
+from tilepipe_kernels.core.arrays import Backend, namespace, to_backend
+from tilepipe_kernels.regions import adjacency, extremes, quadtree
+
+_FARTHEST = 30_000
+"""No height lies farther from zero, in metres."""
+
+SUMMED = ("count", "total", "squares")
+"""Columns of a leaf that are sums over its pixels."""
+
+
+@dataclass(frozen=True)
+class LeafContext:
+    """What the pass needs to know; picklable."""
+
+    raster: Raster
+    parameters: ObjectParameters
+    grid: TileGrid
+    labels: StateArray
+    backend: Backend = "numpy"
+
+    @property
+    def sides(self) -> tuple[int, int]:
+        """Sides of the smallest and the largest leaf in pixels."""
+        return self.parameters.leaf_sides(self.raster.geometry.resolution)
+
+    @property
+    def relief(self) -> ReliefGauge:
+        """How the ground and the shape of the surface are measured."""
+        return ReliefGauge(self.raster.geometry.resolution, self.parameters.largest_building)
+
+    @property
+    def halo(self) -> int:
+        """Pixels around a core that the pass reads."""
+        return self.relief.halo if self.parameters.buildings else 0
+
+
+def to_ticks(
+    heights: NDArray[np.float32], metres: float, largest_leaf: int = 1
+) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
+    """Heights in a unit of ``metres`` as whole millimetres, NaN as `quadtree.MISSING`; and which were none.
+
+    What is farther than 30 km from zero, or than leaves of ``largest_leaf`` pixels can add up, is no height: it
+    becomes missing as well and is marked.  Arrays of a device stay there.
+    """
+    xp = namespace(heights)
+    scaled = xp.rint(heights.astype(np.float64) * (metres * TICKS_PER_METRE))
+    most = min(_FARTHEST * TICKS_PER_METRE, quadtree.REACH // largest_leaf)
+    absurd = xp.abs(scaled) > most
+    ticks = xp.where(absurd | xp.isnan(scaled), quadtree.MISSING, scaled).astype(np.int32)
+    return ticks, absurd
+
+
+def find_leaves(context: LeafContext, tile: Tile) -> Facts:
+    """Tile function: facts are the leaves, their relief, their contacts, and the labels along the seams.
+
+    All arrays lie where the context's backend has them, until they are written.
+    """
+    core, inner = tile.core, tile.core_in_padded.slices
+    smallest, largest = context.sides
+    heights = to_backend(context.raster.read(tile.padded), context.backend)
+    xp = namespace(heights)
+    around, absurd = to_ticks(heights, context.raster.geometry.height_metres, largest)
+    ticks = xp.ascontiguousarray(around[inner])
+    threshold = (context.parameters.split_deviation * TICKS_PER_METRE) ** 2
+    labels, leaves = quadtree.split(
+        ticks, threshold=threshold, smallest=smallest, largest=largest, origin=(core.top, core.left)
+    )
+    edges, length = adjacency.contacts(labels, leaves.first.size)
+    row, column = xp.divmod(leaves.first, core.columns)
+    facts: Facts = {name: getattr(leaves, name) for name in SUMMED}
+    facts["first"] = (row + core.top) * context.grid.shape[1] + column + core.left
+    lowest, highest = extremes.label_extremes(labels, ticks, leaves.first.size)
+    facts |= {"edges": edges, "length": length, "lowest": lowest, "highest": highest}
+    facts["absurd"] = xp.sum(absurd[inner], dtype=np.int64, keepdims=True).reshape(1)
+    if context.parameters.buildings:
+        facts |= context.relief.measure(around, labels, leaves.count, tile)
+    return facts | write_state({"labels": context.labels}, tile, {"labels": labels}) | edge_facts("label", labels)

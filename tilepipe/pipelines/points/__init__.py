@@ -1,0 +1,1 @@
+"""Rasters from lidar point clouds."""

@@ -1,0 +1,1 @@
+"""Street centerlines from lidar intensity (Mendes & Dal Poz 2012)."""

@@ -1,0 +1,174 @@
+"""First pass of `streets`: smooth a tile, grow its dark regions, and say what the seams need to know."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tilepipe.engine.ledger import Facts
+from tilepipe.engine.passes import StateArray, write_state
+from tilepipe.io.raster import Raster
+from tilepipe.pipelines.streets.parameters import StreetParameters
+from tilepipe.pipelines.streets.pass_levels import GreyScale
+from tilepipe.pipelines.streets.reconcile_regions import SUMMED
+from tilepipe.tiling.grid import Tile, TileGrid, Window
+from tilepipe.tiling.seams import edge_facts, raster_borders, touches_seam
+from tilepipe_kernels.core.arrays import Backend, namespace, to_backend
+from tilepipe_kernels.image import diffusion, grey_levels, morphology
+from tilepipe_kernels.image.fill import fill_voids
+from tilepipe_kernels.regions import growing, region_table
+
+_EDGE_PER_NOISE, _LEAST_EDGE = 0.6, 4.0
+"""An edge is steeper than this share of the noise (found on five scenes), and than so many grey levels per pixel."""
+
+
+@dataclass(frozen=True)
+class Heights:
+    """A height raster on the same grid and the window of it that covers the intensity raster."""
+
+    raster: Raster
+    window: Window
+
+
+@dataclass(frozen=True)
+class SegmentContext:
+    """What the pass needs to know; picklable."""
+
+    raster: Raster
+    heights: Heights | None
+    scale: GreyScale
+    parameters: StreetParameters
+    grid: TileGrid
+    labels: StateArray
+    grey: StateArray
+    backend: Backend = "numpy"
+
+    @property
+    def rectangle(self) -> tuple[int, int]:
+        """Rows and columns of a rectangle."""
+        return self.parameters.rectangle_rows, self.parameters.rectangle_columns
+
+
+def reach_in_pixels(parameters: StreetParameters, resolution: float) -> int:
+    """Reach over which voids are bridged, in pixels."""
+    return math.floor(parameters.void_reach / resolution)
+
+
+def halo(parameters: StreetParameters, resolution: float, *, heights: bool) -> int:
+    """Pixels that the pass reads around a core."""
+    steps = diffusion.halo(
+        parameters.diffusion_steps, parameters.gradient_sigma / resolution, parameters.diffusion_model
+    )
+    return max(
+        steps + reach_in_pixels(parameters, resolution),
+        ground_reach(parameters, resolution) if heights else 0,
+    )
+
+
+def ground_reach(parameters: StreetParameters, resolution: float) -> int:
+    """Pixels around a core that decide the ground height in it."""
+    return 2 * math.ceil(parameters.ground_window / resolution / 2)
+
+
+def segment(context: SegmentContext, tile: Tile) -> Facts:
+    """Tile function: diffuse, grow regions, keep the grey values of regions; facts are the region table and edges."""
+    values = to_backend(context.raster.read(tile.padded), context.backend)
+    missing = namespace(values).isnan(values[tile.core_in_padded.slices])
+    grey = context.scale.apply(values)
+    smooth = _smooth(context, tile, grey)
+    if context.heights is not None:
+        smooth[_is_raised(context, tile)] = np.nan
+    rows, columns = context.rectangle
+    centres = growing.rectangle_centers(smooth, rows, columns)
+    labels = growing.grow_regions(centres, context.parameters.tolerance, maximum=context.scale.threshold)
+    kept, table = _kept_regions(context, tile, labels, centres)
+    labels = region_table.select_labels(labels, kept)
+    packed = grey_levels.store(smooth, _expand(labels > 0, context.rectangle, smooth.shape), missing)
+    facts = write_state({"labels": context.labels, "grey": context.grey}, tile, {"labels": labels, "grey": packed})
+    return facts | table | edge_facts("label", labels) | edge_facts("grey", centres)
+
+
+def _smooth(context: SegmentContext, tile: Tile, grey: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Grey levels of the core after bridging small voids and diffusion."""
+    p = context.parameters
+    resolution = context.raster.geometry.resolution
+    conductance = edge_gradient(context)
+    if p.diffusion_model == "curvature":
+        conductance = p.conductance / conductance**2
+    return diffusion.diffuse(
+        fill_voids(grey, reach_in_pixels(p, resolution)),
+        steps=p.diffusion_steps,
+        time_step=p.time_step,
+        conductance=conductance,
+        gradient_sigma=p.gradient_sigma / resolution,
+        fidelity=p.fidelity,
+        model=p.diffusion_model,
+        core=tile.core_in_padded.as_tuple(),
+    )
+
+
+def edge_gradient(context: SegmentContext) -> float:
+    """Gradient that makes an edge, in grey levels per pixel: as given, or in proportion to the raster's noise."""
+    given = context.parameters.edge_gradient
+    return given if given is not None else max(_LEAST_EDGE, _EDGE_PER_NOISE * context.scale.noise)
+
+
+def _is_raised(context: SegmentContext, tile: Tile) -> NDArray[np.bool_]:
+    """Where the height raster says that the core's pixels lie above the ground (trees, roofs)."""
+    assert context.heights is not None
+    p = context.parameters
+    resolution = context.raster.geometry.resolution
+    around = tile.core.padded(ground_reach(p, resolution), context.grid.shape)
+    shift = context.heights.window
+    whole = Window(0, 0, *context.heights.raster.shape)
+    wanted = around.relative_to(shift)
+    part = wanted.intersection(whole)
+    heights = np.full(around.shape, np.nan, np.float32)
+    if not part.is_empty:
+        heights[part.relative_to(wanted).slices] = context.heights.raster.read(part)
+    heights *= np.float32(context.heights.raster.geometry.height_metres)
+    heights = to_backend(heights, context.backend)
+    ground = morphology.open_grey(heights, math.ceil(p.ground_window / resolution / 2))
+    inner = tile.core.relative_to(around).slices
+    raised: NDArray[np.bool_] = heights[inner] - ground[inner] > np.float32(p.maximum_height)
+    return raised
+
+
+def _kept_regions(
+    context: SegmentContext, tile: Tile, labels: NDArray[np.int32], centres: NDArray[np.float32]
+) -> tuple[NDArray[np.uint32], Facts]:
+    """Drop regions that are too small and touch no seam; the new number of each label and the table of the kept."""
+    grid = context.labels.grid
+    borders = raster_borders(grid, tile.number)
+    xp = namespace(labels)
+    count = int(labels.max()) if labels.size else 0
+    table = region_table.region_table(labels, centres, count, borders=borders)
+    keep = table.count >= minimum_rectangles(context.parameters, context.raster.geometry.resolution)
+    reaches_seam = touches_seam(labels, count, borders)
+    keep |= reaches_seam[1:]
+    numbers = xp.concatenate([xp.zeros(1, xp.int64), xp.where(keep, xp.cumsum(keep), 0)])
+    row, column = xp.divmod(table.first, labels.shape[1])
+    top, left = grid.tile(tile.number).core.origin
+    facts: Facts = {name: getattr(table, name)[keep] for name in SUMMED}
+    facts["first"] = ((row + top) * grid.shape[1] + column + left)[keep]
+    facts["contacts"] = region_table.region_contacts(labels, reaches_seam)
+    facts["contacts"][:, :2] = numbers[facts["contacts"][:, :2]]
+    return numbers.astype(np.uint32), facts
+
+
+def minimum_rectangles(parameters: StreetParameters, resolution: float) -> int:
+    """Smallest number of rectangles of a region."""
+    rectangle = parameters.rectangle_rows * parameters.rectangle_columns * resolution**2
+    return max(1, math.ceil(parameters.minimum_size / rectangle - 1e-9))
+
+
+def _expand(mask: NDArray[np.bool_], rectangle: tuple[int, int], shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    """A mask of rectangles as a mask of pixels."""
+    if rectangle == (1, 1):
+        return mask
+    xp = namespace(mask)
+    expanded: NDArray[np.bool_] = xp.repeat(xp.repeat(mask, rectangle[0], axis=0), rectangle[1], axis=1)
+    return expanded[: shape[0], : shape[1]]

@@ -1,0 +1,1 @@
+"""Pictures and map pages of finished runs."""

@@ -1,0 +1,1 @@
+"""Tiles, seams and their reconciliation: integers only."""

@@ -1,0 +1,29 @@
+"""Histograms of tiles as facts, and their sums over a raster."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tilepipe.engine.ledger import Facts
+from tilepipe_kernels.core.arrays import namespace
+from tilepipe_kernels.image import histogram
+
+
+def as_facts(counted: Mapping[str, NDArray[np.int64]]) -> Facts:
+    """Named histograms (`levels.histogram`) by their filled bins alone."""
+    facts: Facts = {}
+    for name, counts in counted.items():
+        bins = namespace(counts).flatnonzero(counts)
+        facts |= {f"{name}:bins": bins.astype(np.int32), f"{name}:counts": counts[bins]}
+    return facts
+
+
+def added(facts: Iterable[Facts], name: str) -> NDArray[np.int64]:
+    """Sum of the histogram of a name over all tiles."""
+    counts = np.zeros(histogram.BINS, np.int64)
+    for tile in facts:
+        counts[tile[f"{name}:bins"]] += tile[f"{name}:counts"]
+    return counts
