@@ -12,8 +12,8 @@ import numpy as np
 from benchmarks.kernels.scene import Scene
 from benchmarks.measure.contest import Call, Case, Contestant
 from tilepipe.engine.executors import open_executor
-from tilepipe.engine.ledger import Facts
 from tilepipe.engine.passes import Pass, Silent, StateArray, run_pass, write_state
+from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import Tile, TileGrid
 
 TILE = 2048

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from benchmarks.kernels.scene import Band, Scene, over_bands
 from benchmarks.measure.contest import Call, Case, Contestant
+from tilepipe.io.geometries import region_polygons
 from tilepipe.pipelines.objects.pass_leaves import to_ticks
 from tilepipe.synthetic import City, render
 from tilepipe_kernels.car_model.sampler import CarModel, sample
@@ -196,7 +197,7 @@ def _polygons(scene: Scene, tolerance: float) -> Call:
     def run(workers: int) -> Any:
         exact = join_arcs(over_bands(part, scene.size, 1, workers))
         rings = assemble_polygons(exact)
-        return rings.geometries(simplify_arcs(exact, tolerance, 1.0, 1.0) if tolerance > 0 else exact)
+        return region_polygons(rings, simplify_arcs(exact, tolerance, 1.0, 1.0) if tolerance > 0 else exact)
 
     return run
 

@@ -39,9 +39,9 @@ PARTITION = (
 BUILDINGS = (
     "Here nothing is chosen by the truth. Buildings are told by the pipeline itself (`buildings.parquet`, where a run "
     f"publishes it) or by a plain rule: the object's mean is {BUILDING_HEIGHT:g} m or more above the ground "
-    "(`tilepipe_kernels.heights.ground`), which takes trees along. Completeness, correctness and quality are by "
-    f"object, from {SMALLEST_BLOCK:g} m², at half the area (Rutzinger et al. 2009), touching ones dissolved; *boundary* is the "
-    f"RMS distance of the result's boundary where it is within {BOUNDARY:g} m of the true one."
+    "(`tilepipe_kernels.heights.ground`), which takes trees along. Completeness, correctness and quality are "
+    f"by object, from {SMALLEST_BLOCK:g} m², at half the area (Rutzinger et al. 2009), touching ones dissolved; "
+    f"*boundary* is the RMS distance of the result's boundary where it is within {BOUNDARY:g} m of the true one."
 )
 
 # Name, value and whether more is better, of what is compared in words; 1 % of difference counts as none.

@@ -10,10 +10,10 @@ import pytest
 
 from tilepipe.engine.device import on_device
 from tilepipe.engine.executors import open_executor
-from tilepipe.engine.ledger import Facts
 from tilepipe.engine.options import RunOptions
 from tilepipe.engine.passes import Pass, Silent, run_pass
 from tilepipe.errors import InputError
+from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import Tile, TileGrid
 from tilepipe_kernels.core.arrays import DeviceMemoryError, choose_backend, simulating, to_device
 

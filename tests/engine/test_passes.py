@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from tilepipe.engine.executors import open_executor
-from tilepipe.engine.ledger import Facts
 from tilepipe.engine.passes import Pass, Silent, StateArray, run_pass, write_state
 from tilepipe.errors import InputError, TileError
+from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import Tile, TileGrid
 
 GRID = TileGrid((23, 31), (10, 9))

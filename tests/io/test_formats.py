@@ -22,15 +22,11 @@ from rasterio.transform import from_origin
 
 from tilepipe.errors import InputError
 from tilepipe.io import geoparquet
-from tilepipe.io.formats import (
-    SUFFIX,
-    ParquetLineWriter,
-    cog_from_tiled,
-    convert,
-    lines_from_ragged,
-    write_table,
-    written_aside,
-)
+from tilepipe.io.atomic import written_aside
+from tilepipe.io.cog import cog_from_tiled
+from tilepipe.io.formats import SUFFIX, convert, write_table
+from tilepipe.io.geometries import lines_from_ragged
+from tilepipe.io.geoparquet import ParquetLineWriter
 
 CRS = "EPSG:2994"
 TYPES = {"line_id": np.int64, "region_id": np.uint32, "length_m": np.float64, "name": "string"}

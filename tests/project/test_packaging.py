@@ -98,7 +98,7 @@ def test_kernels_stand_alone(tmp_path: Path) -> None:
     program = (
         "import sys, pkgutil, importlib, tilepipe_kernels as package\n"
         "for module in pkgutil.walk_packages(package.__path__, 'tilepipe_kernels.'):\n"
-        "    if not {'device', 'polylines', 'network'} & set(module.name.split('.')):\n"
+        "    if '.device' not in module.name:\n"
         "        importlib.import_module(module.name)\n"
         f"print(sorted(set('{forbidden}'.split()) & set(sys.modules)))\n"
     )

@@ -15,7 +15,8 @@ from PIL import Image
 from rasterio.transform import from_origin
 
 from tilepipe.errors import InputError
-from tilepipe.io.formats import SUFFIX, cog_from_tiled, write_table
+from tilepipe.io.cog import cog_from_tiled
+from tilepipe.io.formats import SUFFIX, write_table
 from tilepipe.report import frame, page
 from tilepipe.report import streets as pictures
 from tilepipe.report.page import detail, map_page, quicklook, report

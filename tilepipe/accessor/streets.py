@@ -10,9 +10,9 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from tilepipe.accessor.blocks import BlockOperators, blanked, even_grid
-from tilepipe.engine.ledger import Facts
 from tilepipe.io.sources import nodata_of
 from tilepipe.pipelines.streets.reconcile_regions import SUMMED, Regions, reconcile_regions
+from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import Tile, TileGrid
 from tilepipe.tiling.seams import edge_facts, raster_borders, touches_seam
 from tilepipe_kernels.image import diffusion, morphology

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Facts = dict[str, NDArray[Any]]
+from tilepipe.tiling.facts import Facts
 
 _SUFFIX = ".facts"
 

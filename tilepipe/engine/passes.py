@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 
 from tilepipe.engine.device import on_device
 from tilepipe.engine.executors import Executor
-from tilepipe.engine.ledger import Facts, Ledger, checksum
+from tilepipe.engine.ledger import Ledger, checksum
 from tilepipe.errors import TileError
+from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import Tile, TileGrid, Window
 from tilepipe_kernels.core.arrays import Backend, to_host
 

@@ -21,7 +21,8 @@ def read_relabelled(labels: StateArray, lookup: Path, offsets: Sequence[int], wi
     labels
         State array in which every tile numbers its features from 1 on; 0 = none.
     lookup
-        File of a uint32 array: the id of every local feature number, tile after tile (see `reconcile.Numbering`).
+        File of a uint32 array: the id of every local feature number, tile after tile; see
+        `tilepipe.tiling.numbering.Numbering`.
     offsets
         First entry of each tile in the lookup, and its length.
     window

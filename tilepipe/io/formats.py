@@ -1,4 +1,4 @@
-"""Write vector tables and cloud-optimised rasters, whole or not at all; same content, same bytes.
+"""Write tables of geometries in the formats that GIS read, whole or not at all; same content, same bytes.
 
 GeoParquet is the native format and is written as a stream of batches. The other formats are converted from
 the finished GeoParquet file, again batch by batch, so memory does not grow with the table.
@@ -22,22 +22,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from tilepipe.errors import InputError
 from tilepipe.io.atomic import written_aside
-from tilepipe.io.geoparquet import ROW_GROUP, TYPE_ID, ParquetLineWriter, ParquetWriter, lines_from_ragged
+from tilepipe.io.geoparquet import ROW_GROUP, TYPE_ID, ParquetWriter
 
 if TYPE_CHECKING:
     import pyarrow as pa
-
-__all__ = [
-    "DRIVER",
-    "SUFFIX",
-    "ParquetLineWriter",
-    "ParquetWriter",
-    "cog_from_tiled",
-    "convert",
-    "lines_from_ragged",
-    "write_table",
-    "written_aside",
-]
 
 SUFFIX = {"parquet": ".parquet", "gpkg": ".gpkg", "fgb": ".fgb", "geojson": ".geojson"}
 DRIVER = {"gpkg": "GPKG", "fgb": "FlatGeobuf", "geojson": "GeoJSON"}
@@ -204,84 +192,6 @@ def _gdal_options(**options: str) -> Iterator[None]:
         yield
     finally:
         pyogrio.set_gdal_config_options(before)
-
-
-def cog_from_tiled(
-    source: str | os.PathLike[str],
-    destination: str | os.PathLike[str],
-    *,
-    overview: str = "nearest",
-    compression: str = "ZSTD",
-    threads: int | None = None,
-) -> Path:
-    """Write a cloud-optimised GeoTIFF from any raster GDAL reads; the bytes are the same for any `threads`.
-
-    Blocks of 512 x 512, overviews down to one block, BigTIFF where needed, blocks of nodata left out.
-
-    Parameters
-    ----------
-    source
-        The raster to copy; a tiled one is read fastest. Its bands, dtype, CRS and nodata are kept.
-    destination
-        The file to write.
-    overview
-        Resampling of the overviews: ``"nearest"`` for labels, ``"average"`` for measurements.
-    compression
-        ``"ZSTD"``, or ``"DEFLATE"`` for readers without Zstandard.
-    threads
-        Threads that compress; by default all cores.
-
-    Raises
-    ------
-    InputError
-        The destination cannot be written or the disk is full.
-    """
-    import rasterio
-    import rasterio.shutil
-
-    with rasterio.open(source) as raster:
-        is_float = raster.dtypes[0].startswith("float")
-    destination = Path(destination)
-    with written_aside(destination) as aside, rasterio.Env():
-        rasterio.shutil.copy(
-            str(source),
-            str(aside),
-            driver="COG",
-            COMPRESS=compression,
-            LEVEL=3,
-            # Differences of neighbouring labels compress worse than the labels (measured: 38 % larger files).
-            PREDICTOR="YES" if is_float else "NO",
-            BLOCKSIZE=512,
-            OVERVIEW_RESAMPLING=overview.upper(),
-            BIGTIFF="IF_SAFER",
-            SPARSE_OK="TRUE",
-            NUM_THREADS=threads or "ALL_CPUS",
-        )
-        _check_copy(source, aside)
-    return destination
-
-
-def _check_copy(source: str | os.PathLike[str], copy: Path) -> None:
-    """Read a raster back and compare: the COG driver reports no error when the disk fills up."""
-    import rasterio
-    from rasterio.errors import RasterioIOError
-    from rasterio.windows import Window
-
-    whole = True
-    try:
-        with rasterio.open(source) as old, rasterio.open(copy, NUM_THREADS="ALL_CPUS") as new:
-            for row in range(0, old.height, 512):
-                window = Window(0, row, old.width, min(512, old.height - row))
-                whole &= old.read(window=window).tobytes() == new.read(window=window).tobytes()
-            levels = len(new.overviews(1))
-        for level in range(levels):
-            with rasterio.open(copy, overview_level=level, NUM_THREADS="ALL_CPUS") as new:
-                for _, window in new.block_windows(1):
-                    new.read(window=window)
-    except RasterioIOError:
-        whole = False
-    if not whole:
-        raise OSError(errno.ENOSPC, "the copy is incomplete", str(copy))
 
 
 def _one_type(geometry: NDArray[np.object_], declared: str | None) -> tuple[NDArray[np.object_], str]:

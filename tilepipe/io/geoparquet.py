@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tilepipe.io.atomic import written_aside
+from tilepipe.io.geometries import checked_lines
 from tilepipe_kernels.core.compiled import loop
 
 if TYPE_CHECKING:
@@ -243,7 +244,7 @@ class ParquetLineWriter:
         ValueError
             Shapes do not match, a line has fewer than two vertices, or a coordinate is not finite.
         """
-        coordinates, offsets = _checked_lines(coordinates, offsets)
+        coordinates, offsets = checked_lines(coordinates, offsets)
         count = len(offsets) - 1
         arrays: dict[str, NDArray[Any]] = {name: np.asarray(values) for name, values in columns.items()}
         for name, array in arrays.items():
@@ -285,34 +286,6 @@ def _encoded_lines(coordinates: NDArray[np.float64], offsets: NDArray[np.int64])
     _write_lines(offsets, coordinates.astype("<f8", copy=False).reshape(-1).view(np.uint8), wkb)
     buffers = [None, pa.py_buffer(ends.astype(np.int32)), pa.py_buffer(wkb)]
     return pa.Array.from_buffers(pa.binary(), len(offsets) - 1, buffers)
-
-
-def lines_from_ragged(coordinates: NDArray[np.float64], offsets: NDArray[np.integer]) -> NDArray[np.object_]:
-    """Shapely LineStrings of `coordinates` (vertices, 2) float64 split at `offsets` (lines + 1,)."""
-    import shapely
-
-    coordinates, offsets = _checked_lines(coordinates, offsets)
-    if len(offsets) == 1:
-        return np.empty(0, dtype=object)
-    lines: NDArray[np.object_] = shapely.from_ragged_array(shapely.GeometryType.LINESTRING, coordinates, (offsets,))
-    return lines
-
-
-def _checked_lines(
-    coordinates: NDArray[np.float64], offsets: NDArray[np.integer]
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Coordinates and offsets of lines that can be written."""
-    coordinates = np.ascontiguousarray(coordinates, dtype=np.float64)
-    starts: NDArray[np.int64] = np.asarray(offsets, dtype=np.int64)
-    if coordinates.ndim != 2 or coordinates.shape[1] != 2:
-        raise ValueError(f"coordinates must have shape (vertices, 2), got {coordinates.shape}")
-    if starts.ndim != 1 or len(starts) == 0 or starts[0] != 0 or starts[-1] != len(coordinates):
-        raise ValueError("offsets must be one-dimensional and run from 0 to the number of vertices")
-    if (np.diff(starts) < 2).any():
-        raise ValueError("a line needs two vertices or more; drop shorter ones before writing")
-    if not np.isfinite(coordinates).all():
-        raise ValueError("coordinates must be finite; drop lines with NaN or infinity before writing")
-    return coordinates, starts
 
 
 def _is_text(kind: pa.DataType) -> bool:

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe.engine.ledger import Facts
+from tilepipe.tiling.facts import Facts
 from tilepipe_kernels.core.arrays import namespace
 from tilepipe_kernels.image import histogram
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe.engine.ledger import Facts
+from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import Seam, TileGrid
 from tilepipe_kernels.core.arrays import namespace
 

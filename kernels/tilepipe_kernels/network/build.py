@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe.errors import InputError
 from tilepipe_kernels.network.close_gaps import close_gaps
 from tilepipe_kernels.network.fragment_table import FragmentTable
 from tilepipe_kernels.network.points import LoadTile, coordinates, gather
@@ -64,11 +63,11 @@ class NetworkRules:
         for name in ("contraction", "maximum_gap", "minimum_branch", "minimum_length"):
             value = getattr(self, name)
             if not 0 <= value < np.inf:
-                raise InputError(f"{name} must be a length of at least 0 pixels, got {value}")
+                raise ValueError(f"{name} must be a length of at least 0 pixels, got {value}")
         if not 0 < self.maximum_angle < 90:
-            raise InputError(f"maximum_angle must lie between 0 and 90 degrees, got {self.maximum_angle}")
+            raise ValueError(f"maximum_angle must lie between 0 and 90 degrees, got {self.maximum_angle}")
         if self.direction_steps < 1:
-            raise InputError(f"direction_steps must be at least 1, got {self.direction_steps}")
+            raise ValueError(f"direction_steps must be at least 1, got {self.direction_steps}")
 
 
 @dataclass(frozen=True)
@@ -162,7 +161,7 @@ def build_network(
 
     Raises
     ------
-    InputError
+    ValueError
         If fragments of some tile are missing or do not belong to their table.
     """
     rules = rules or NetworkRules()

@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe.errors import InputError
 from tilepipe_kernels.network.street_graph import Bool, Chains, Int64
 from tilepipe_kernels.network.tracing import Fragments
 from tilepipe_kernels.network.walks import copy_runs, expand_parts
@@ -37,7 +36,7 @@ def gather(
 
     Raises
     ------
-    InputError
+    ValueError
         If the tiles concerned do not have the same attributes, or a tile is not the one that was joined.
     """
     slices = chains.slice_position, chains.slice_source, chains.slice_step
@@ -52,7 +51,7 @@ def gather(
         if not gathered:
             gathered = {name: np.empty(len(pixels), np.float32) for name in attributes}
         if attributes.keys() != gathered.keys():
-            raise InputError(f"tile {tile} has attributes {sorted(attributes)}, others {sorted(gathered)}")
+            raise ValueError(f"tile {tile} has attributes {sorted(attributes)}, others {sorted(gathered)}")
         where = source[runs] - chains.tile_offsets[tile], step[runs], count[runs], target[runs]
         copy_runs(fragments.pixels, *where, pixels)
         for name, values in attributes.items():
@@ -86,5 +85,5 @@ def tiles_of_slices(chains: Chains) -> Iterator[tuple[int, Int64]]:
 def _checked(chains: Chains, load_tile: LoadTile, tile: int) -> tuple[Fragments, Attributes]:
     fragments, attributes = load_tile(tile)
     if len(fragments.pixels) != chains.tile_offsets[tile + 1] - chains.tile_offsets[tile]:
-        raise InputError(f"tile {tile} has changed since its fragments were joined; run the reconciliation again")
+        raise ValueError(f"tile {tile} has changed since its fragments were joined; run the reconciliation again")
     return fragments, attributes

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe.tiling.reconcile import unite
+from tilepipe_kernels.core.components import connected_components
 from tilepipe_kernels.network.street_graph import Bool, Graph, Int64, canonical, dissolve, keep
 
 OnBorder = Callable[[Int64], Bool]
@@ -73,7 +73,7 @@ def contract(graph: Graph, distance: float) -> Graph:
     if not short.any():
         return graph
     ends = index.reshape(-1, 2)
-    label = unite(len(nodes), ends[short])
+    label = connected_components(len(nodes), ends[short])
     _, lowest, size = np.unique(label, return_index=True, return_counts=True)
     node = nodes[lowest][label]
     points = np.add.reduceat(graph.part_stop - graph.part_start, graph.offsets[:-1])
@@ -158,4 +158,4 @@ def _components(graph: Graph) -> Int64:
     """Component label of each edge; labels only tell components apart."""
     nodes, _, index = graph.degrees()
     ends = index.reshape(-1, 2)
-    return unite(len(nodes), ends)[ends[:, 0]]
+    return connected_components(len(nodes), ends)[ends[:, 0]]

@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe.errors import InputError
 from tilepipe_kernels.network.fragment_table import FragmentTable
 from tilepipe_kernels.network.tracing import CROSSING, NODE
 from tilepipe_kernels.network.walks import rearrange, walk_chains
@@ -143,11 +142,11 @@ def join(tables: Sequence[FragmentTable], width: int) -> Chains:
 
     Raises
     ------
-    InputError
+    ValueError
         If a link crosses a seam and no tile holds its other side.
     """
     if not tables:
-        raise InputError("no fragment tables: give one for each tile")
+        raise ValueError("no fragment tables: give one for each tile")
     table = FragmentTable(
         *(np.concatenate([getattr(t, name) for t in tables]) for name in FragmentTable.__dataclass_fields__)
     )
@@ -192,7 +191,7 @@ def _mates(table: FragmentTable) -> Int64:
     order = np.argsort(link, kind="stable")
     crossing, link = crossing[order], link[order]
     if len(link) % 2 or not np.array_equal(link[::2], link[1::2]) or np.any(link[1:-1:2] == link[2::2]):
-        raise InputError("a line crosses a seam but stops there: trace all tiles of one raster, each once")
+        raise ValueError("a line crosses a seam but stops there: trace all tiles of one raster, each once")
     mate[crossing[::2]], mate[crossing[1::2]] = crossing[1::2], crossing[::2]
     return mate
 

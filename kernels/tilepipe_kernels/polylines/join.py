@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe.errors import InputError
 from tilepipe_kernels.core.compiled import loop
 from tilepipe_kernels.network.walks import walk_chains
 from tilepipe_kernels.polylines.arcs import ArcPieces, Labels, Pieces, heading_of
@@ -112,7 +111,7 @@ def join_arcs(pieces: Iterable[ArcPieces]) -> Arcs:
 
     Raises
     ------
-    InputError
+    ValueError
         If a cut piece does not go on in any other: a tile is missing, doubled, or was traced without its halo.
     """
     parts = list(pieces)
@@ -146,7 +145,7 @@ class _Joined(NamedTuple):
 def _joined(parts: Sequence[Pieces]) -> _Joined:
     """Whole chains in canonical direction and order; a piece that is not cut has the direction from its tile."""
     if not parts:
-        raise InputError("there are no pieces of arcs to join: trace at least one tile")
+        raise ValueError("there are no pieces of arcs to join: trace at least one tile")
     offsets = np.concatenate([[0], np.cumsum(np.concatenate([np.diff(part.offsets) for part in parts]))])
     vertices = np.concatenate([part.vertices for part in parts])
     cut = np.concatenate([part.cut for part in parts])
@@ -187,7 +186,7 @@ def _mates(offsets: Int64, vertices: Vertices, cut: NDArray[np.bool_]) -> Int64:
     ends, at = ends[order], at[order]
     paired = ends.size % 2 == 0 and bool(np.array_equal(at[::2], at[1::2]))
     if not paired or (at[2::2] == at[1:-1:2]).all(axis=1).any():
-        raise InputError("pieces of arcs do not meet at the seams: trace every tile once, with its halo of one pixel")
+        raise ValueError("pieces of arcs do not meet at the seams: trace every tile once, with its halo of one pixel")
     mates[ends[::2]], mates[ends[1::2]] = ends[1::2], ends[::2]
     return mates
 

@@ -6,17 +6,13 @@ bounds on its left. Its shells run counter-clockwise on a map with north up, its
 
 from __future__ import annotations
 
-import gc
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 
-from tilepipe.errors import InputError
 from tilepipe_kernels.core.compiled import loop
 from tilepipe_kernels.polylines.arcs import Labels, heading_of
 from tilepipe_kernels.polylines.join import Arcs, Int64, Vertices
@@ -54,34 +50,6 @@ class PolygonRings:
         a, b, c, d, e, f = (float(coefficient) for coefficient in transform[:6])
         return _ring_coordinates(self.ring_offsets, self.half_arcs, arcs.offsets, arcs.vertices, (a, b, c, d, e, f))
 
-    def geometries(self, arcs: Arcs, transform: Sequence[float] = (1, 0, 0, 0, -1, 0)) -> tuple[Labels, NDArray[Any]]:
-        """Region ids, ascending, and their shapely Polygons, or MultiPolygons where a region has several parts."""
-        coordinates, bounds = self.coordinates(arcs, transform)
-        ragged = coordinates, (bounds, self.polygon_offsets)
-        with _without_collector():
-            polygons: NDArray[Any] = shapely.from_ragged_array(shapely.GeometryType.POLYGON, *ragged)
-        first = np.flatnonzero(np.diff(self.region, prepend=0) != 0)
-        parts = np.diff(first, append=len(polygons))
-        geometries = polygons[first]
-        several = np.flatnonzero(parts > 1)
-        of_several = np.repeat(parts > 1, parts)
-        if several.size:
-            indices = np.repeat(np.arange(several.size), parts[several])
-            geometries[several] = shapely.multipolygons(polygons[of_several], indices=indices)
-        return self.region[first], geometries
-
-
-@contextmanager
-def _without_collector() -> Iterator[None]:
-    """Hold the garbage collector: its passes over the many new geometries would more than double the time."""
-    enabled = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if enabled:
-            gc.enable()
-
 
 def assemble_polygons(arcs: Arcs) -> PolygonRings:
     """Find the rings of every region, its shells and its holes.
@@ -102,20 +70,20 @@ def assemble_polygons(arcs: Arcs) -> PolygonRings:
 
     Raises
     ------
-    InputError
+    ValueError
         If the arcs do not close (they are not those of a whole raster), are simplified, or more than 2**30.
     """
     if len(arcs) >= 2**30:
-        raise InputError(f"{len(arcs)} arcs are more than 2**30: divide the raster")
+        raise ValueError(f"{len(arcs)} arcs are more than 2**30: divide the raster")
     if not _along_cracks(arcs.offsets, arcs.vertices):
-        raise InputError("arcs leave the cracks between pixels: assemble them first, and simplify them afterwards")
+        raise ValueError("arcs leave the cracks between pixels: assemble them first, and simplify them afterwards")
     leaving, node, count = _nodes(arcs.offsets, arcs.vertices)
     following = _following(leaving, node, count)
     region: NDArray[Any] = np.empty(2 * len(arcs), arcs.left.dtype)
     region[::2], region[1::2] = arcs.left, arcs.right
     wanted = region != 0
     if following.min(initial=0) < 0 or not np.array_equal(region[following], region):
-        raise InputError("arcs do not close to rings: assemble the arcs of a whole raster, before any is left out")
+        raise ValueError("arcs do not close to rings: assemble the arcs of a whole raster, before any is left out")
     area = _areas(arcs.offsets, arcs.vertices)
     ring_offsets, half_arcs, ring_area, contour = _trace_rings(node, following, wanted, area, count)
     ring_region = region[half_arcs[ring_offsets[:-1]]]

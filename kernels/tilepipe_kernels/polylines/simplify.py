@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe.errors import InputError
 from tilepipe_kernels.core.compiled import loop, rule
 from tilepipe_kernels.polylines.end_point_fit import keep_vertices
 from tilepipe_kernels.polylines.join import Arcs, Chains, Int64, Vertices
@@ -49,12 +48,12 @@ def simplify_chains(
 
     Raises
     ------
-    InputError
+    ValueError
         For a tolerance < 0 or pixel sizes that are not > 0.
     """
     tolerances = np.array(np.broadcast_to(tolerance, len(chains)), np.float64)
     if not (np.isfinite(tolerance).all() and np.all(tolerances >= 0) and pixel_height > 0 and pixel_width > 0):
-        raise InputError(f"tolerance ({tolerance}) must be ≥ 0 and pixel sizes > 0: give them in the same unit")
+        raise ValueError(f"tolerance ({tolerance}) must be ≥ 0 and pixel sizes > 0: give them in the same unit")
     least = tolerances / 2**HALVINGS
     kept = np.ones(len(chains.vertices), np.bool_)
     redo = np.flatnonzero(tolerances > 0)

@@ -11,12 +11,12 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.scenes import write_raster
-from tilepipe.engine.ledger import Facts
 from tilepipe.engine.passes import StateArray
 from tilepipe.pipelines.edges.parameters import edge_parameters
 from tilepipe.pipelines.edges.pass_bands import Photograph, open_photograph
 from tilepipe.pipelines.edges.pass_fields import NODATA, FieldContext, find_fields, halo
 from tilepipe.pipelines.edges.pass_levels import CountContext, LevelScale, count_greys
+from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import TileGrid
 from tilepipe_kernels.core.arrays import Backend, on_device, to_host
 

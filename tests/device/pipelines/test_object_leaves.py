@@ -9,11 +9,11 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.scenes import write_raster
-from tilepipe.engine.ledger import Facts
 from tilepipe.engine.passes import StateArray
 from tilepipe.io.raster import open_raster
 from tilepipe.pipelines.objects.parameters import object_parameters
 from tilepipe.pipelines.objects.pass_leaves import LeafContext, find_leaves
+from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import TileGrid
 from tilepipe_kernels.core.arrays import Backend, on_device, to_host
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tilepipe.io.geometries import region_polygons
 from tilepipe_kernels.polylines.arcs import trace_arcs
 from tilepipe_kernels.polylines.dissolve import dissolved
 from tilepipe_kernels.polylines.join import join_arcs
@@ -26,8 +27,8 @@ def test_groups_are_those_of_dissolved_labels() -> None:
     labels, group = labels_and_groups()
     arcs = dissolved(join_arcs([trace_arcs(labels)]), group)
     expected = join_arcs([trace_arcs(group[labels])])
-    ids, found = assemble_polygons(arcs).geometries(arcs)
-    wanted, polygons = assemble_polygons(expected).geometries(expected)
+    ids, found = region_polygons(assemble_polygons(arcs), arcs)
+    wanted, polygons = region_polygons(assemble_polygons(expected), expected)
     np.testing.assert_array_equal(ids, wanted)
     assert 0 < len(ids) < group.max() + 1
     assert all(shapely.equals(found, polygons))
@@ -38,9 +39,9 @@ def test_simplified_arcs_keep_the_borders_of_the_regions() -> None:
     exact = join_arcs([trace_arcs(labels)])
     simple = simplify_arcs(exact, 1.2)
     rings = assemble_polygons(dissolved(exact, group))
-    _, found = rings.geometries(dissolved(simple, group))
+    _, found = region_polygons(rings, dissolved(simple, group))
     assert shapely.is_valid(found).all()
-    regions, parts = assemble_polygons(exact).geometries(simple)
+    regions, parts = region_polygons(assemble_polygons(exact), simple)
     for polygon, number in zip(found, np.unique(group[1:][group[1:] > 0]), strict=True):
         assert shapely.equals(polygon, shapely.union_all(parts[group[regions] == number]))
 
@@ -49,5 +50,5 @@ def test_no_group_leaves_no_arcs() -> None:
     labels, group = labels_and_groups()
     arcs = dissolved(join_arcs([trace_arcs(labels)]), 0 * group)
     assert len(arcs) == 0
-    ids, polygons = assemble_polygons(arcs).geometries(arcs)
+    ids, polygons = region_polygons(assemble_polygons(arcs), arcs)
     assert len(ids) == len(polygons) == 0

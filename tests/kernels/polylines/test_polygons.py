@@ -12,7 +12,7 @@ from scipy.ndimage import gaussian_filter
 from scipy.ndimage import label as components
 
 from tests.kernels.polylines.test_arcs import drawing, label_images, tiled_pieces
-from tilepipe.errors import InputError
+from tilepipe.io.geometries import region_polygons
 from tilepipe_kernels.polylines.arcs import trace_arcs
 from tilepipe_kernels.polylines.join import Arcs, join_arcs
 from tilepipe_kernels.polylines.polygons import assemble_polygons
@@ -27,7 +27,7 @@ def arcs_of(labels: np.ndarray) -> Arcs:
 
 def polygons_of(labels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     arcs = arcs_of(labels)
-    return assemble_polygons(arcs).geometries(arcs, IDENTITY)
+    return region_polygons(assemble_polygons(arcs), arcs, IDENTITY)
 
 
 def check_exact(labels: np.ndarray) -> None:
@@ -70,7 +70,7 @@ def test_parts_and_holes(picture: str, parts: int, holes: int) -> None:
 
 def test_shells_are_counter_clockwise_with_north_up_and_borders_are_shared() -> None:
     arcs = arcs_of(drawing("AAA A.B AAA"))
-    _, geometries = assemble_polygons(arcs).geometries(arcs, (0.5, 0, 100, 0, -0.5, 200))
+    _, geometries = region_polygons(assemble_polygons(arcs), arcs, (0.5, 0, 100, 0, -0.5, 200))
     assert [shape.exterior.is_ccw for shape in geometries] == [True, True]
     assert geometries[1].equals(shapely.box(101, 199, 101.5, 199.5))
     assert set(geometries[1].exterior.coords) <= {*geometries[0].exterior.coords, (101.5, 199.0), (101.5, 199.5)} | {
@@ -82,7 +82,7 @@ def test_shells_are_counter_clockwise_with_north_up_and_borders_are_shared() -> 
 @given(label_images(), st.integers(1, 6), st.integers(1, 6))
 def test_tiling_does_not_show(labels: np.ndarray, rows: int, columns: int) -> None:
     tiled = join_arcs(tiled_pieces(labels, (rows, columns)))
-    ids, geometries = assemble_polygons(tiled).geometries(tiled, IDENTITY)
+    ids, geometries = region_polygons(assemble_polygons(tiled), tiled, IDENTITY)
     expected_ids, expected = polygons_of(labels)
     assert np.array_equal(ids, expected_ids)
     assert shapely.to_wkb(geometries).tolist() == shapely.to_wkb(expected).tolist()
@@ -91,12 +91,12 @@ def test_tiling_does_not_show(labels: np.ndarray, rows: int, columns: int) -> No
 def test_arcs_of_a_part_of_the_raster_are_refused() -> None:
     arcs = arcs_of(drawing("AB CD"))
     part = Arcs(arcs.offsets[:-1], arcs.vertices[: arcs.offsets[-2]], arcs.left[:-1], arcs.right[:-1])
-    with pytest.raises(InputError, match="do not close"):
+    with pytest.raises(ValueError, match="do not close"):
         assemble_polygons(part)
 
 
 def test_simplified_arcs_are_refused() -> None:
-    with pytest.raises(InputError, match="simplify them afterwards"):
+    with pytest.raises(ValueError, match="simplify them afterwards"):
         assemble_polygons(simplify_arcs(arcs_of(np.tri(5, dtype=np.int32)), 1))
 
 
@@ -119,7 +119,7 @@ def check_simplified(labels: np.ndarray, tolerance: float) -> tuple[Arcs, Arcs]:
     arcs = arcs_of(labels)
     rings = assemble_polygons(arcs)
     simple = simplify_arcs(arcs, tolerance)
-    _, geometries = rings.geometries(simple, IDENTITY)
+    _, geometries = region_polygons(rings, simple, IDENTITY)
     assert shapely.is_valid(geometries).all() and shapely.coverage_is_valid(geometries)
     assert (shapely.area(geometries) > 0).all()
     for end in (simple.offsets[:-1], simple.offsets[1:] - 1):
@@ -173,7 +173,7 @@ def test_tolerance_is_in_the_unit_of_the_pixel_sizes() -> None:
     half = simplify_arcs(arcs, 0.375, pixel_height=0.5, pixel_width=0.5)
     assert np.array_equal(one.vertices, half.vertices)
     assert np.array_equal(simplify_arcs(arcs, 0).vertices, arcs.vertices)
-    with pytest.raises(InputError, match="tolerance"):
+    with pytest.raises(ValueError, match="tolerance"):
         simplify_arcs(arcs, -1)
 
 

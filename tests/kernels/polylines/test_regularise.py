@@ -11,7 +11,7 @@ from scipy.ndimage import gaussian_filter
 
 from tests.kernels.polylines.test_arcs import label_images, tiled_pieces
 from tests.kernels.polylines.test_polygons import IDENTITY, arcs_of, blobs
-from tilepipe.errors import InputError
+from tilepipe.io.geometries import region_polygons
 from tilepipe_kernels.polylines.join import Arcs, join_arcs
 from tilepipe_kernels.polylines.polygons import assemble_polygons
 from tilepipe_kernels.polylines.regularise.regularise import regularise_arcs
@@ -40,10 +40,10 @@ def check_regularised(labels: np.ndarray, tolerance: float, regions: np.ndarray 
     exact = arcs_of(labels)
     rings = assemble_polygons(exact)
     regular = regularise_arcs(exact, tolerance, labels.shape, simplification=0.75, regions=regions)
-    ids, geometries = rings.geometries(regular, IDENTITY)
+    ids, geometries = region_polygons(rings, regular, IDENTITY)
     assert shapely.is_valid(geometries).all() and shapely.coverage_is_valid(geometries)
     assert np.array_equal(ids, np.unique(labels[labels != 0]))
-    _, before = rings.geometries(simplify_arcs(exact, tolerance), IDENTITY)
+    _, before = region_polygons(rings, simplify_arcs(exact, tolerance), IDENTITY)
     assert np.array_equal(shapely.get_num_geometries(geometries), shapely.get_num_geometries(before))
     # what is moved lies near to where it was
     moved = shapely.hausdorff_distance(shapely.boundary(geometries), shapely.boundary(before))
@@ -67,7 +67,7 @@ def test_ragged_cells_with_islands_stay_a_coverage(tolerance: float) -> None:
         arcs = check_regularised(labels, tolerance, np.ones(labels.max() + 1, np.bool_))
         exact = arcs_of(labels)
         area, before = (
-            shapely.area(assemble_polygons(exact).geometries(of, IDENTITY)[1])
+            shapely.area(region_polygons(assemble_polygons(exact), of, IDENTITY)[1])
             for of in (arcs, simplify_arcs(exact, tolerance))
         )
         assert (area > 0.49 * before).all()
@@ -83,7 +83,7 @@ def test_a_row_of_houses_gets_right_angles_and_keeps_its_area(angle: float) -> N
     assert abs((main - angle + 45) % 90 - 45) < 1.5
     along = abs((directions - main + 45) % 90 - 45) < 0.2
     assert lengths[along].sum() > 0.9 * lengths.sum()
-    _, geometries = assemble_polygons(arcs_of(labels)).geometries(arcs, IDENTITY)
+    _, geometries = region_polygons(assemble_polygons(arcs_of(labels)), arcs, IDENTITY)
     for one, width in zip(geometries[1:4], (22, 17, 21), strict=True):
         assert one.area == pytest.approx(28 * width, rel=0.05)
 
@@ -115,7 +115,7 @@ def test_off_changes_nothing() -> None:
     off, simple = regularise_arcs(exact, 0, (90, 90), simplification=0.75), simplify_arcs(exact, 0.75)
     for name in ("offsets", "vertices", "left", "right"):
         assert getattr(off, name).tobytes() == getattr(simple, name).tobytes()
-    with pytest.raises(InputError, match="tolerance"):
+    with pytest.raises(ValueError, match="tolerance"):
         regularise_arcs(exact, -1, (90, 90))
 
 

@@ -11,10 +11,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe.engine.ledger import Facts
 from tilepipe.errors import InputError
 from tilepipe.io.raster import Raster, open_raster
 from tilepipe.io.sources import ARRAY
+from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import Tile, Window
 
 LUMINANCE = (0.299, 0.587, 0.114)

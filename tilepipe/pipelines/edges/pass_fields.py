@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe.engine.ledger import Facts
 from tilepipe.engine.passes import StateArray, write_state
 from tilepipe.pipelines.edges.parameters import EdgeParameters
 from tilepipe.pipelines.edges.pass_bands import Photograph
 from tilepipe.pipelines.edges.pass_levels import LevelScale
+from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import Tile, Window
 from tilepipe_kernels.core.arrays import Backend, to_backend, to_host
 from tilepipe_kernels.image.grey_levels import LEVEL_STEPS

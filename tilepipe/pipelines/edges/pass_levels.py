@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe.engine.ledger import Facts
 from tilepipe.errors import InputError
 from tilepipe.pipelines.edges.parameters import EdgeParameters
 from tilepipe.pipelines.edges.pass_bands import Photograph
+from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import Tile
 from tilepipe.tiling.histograms import as_facts
 from tilepipe.tiling.noise import count_differences, noise

@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from tilepipe.engine.ledger import Facts, Ledger
+from tilepipe.engine.ledger import Ledger
 from tilepipe.engine.options import RunOptions
 from tilepipe.engine.passes import Pass, Progress, StateArray
 from tilepipe.engine.pipeline import Job, as_list
@@ -23,6 +23,7 @@ from tilepipe.pipelines.edges.pass_bands import PRINCIPAL_COMPONENT, Photograph,
 from tilepipe.pipelines.edges.pass_fields import NODATA, FieldContext, bytes_per_pixel, count_fields, find_fields, halo
 from tilepipe.pipelines.edges.pass_levels import CountContext, LevelScale, count_greys, edge_threshold, level_scale
 from tilepipe.pipelines.edges.tables import write_edges, write_nevatia_babu
+from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import TileGrid
 from tilepipe.tiling.histograms import added
 

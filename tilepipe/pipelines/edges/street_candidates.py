@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe.tiling.reconcile import unite
 from tilepipe_kernels.core.compiled import loop, rule
+from tilepipe_kernels.core.components import connected_components
 from tilepipe_kernels.polylines.parallel_lines import LEFT, RIGHT, Opposite, Samples
 
 Two = tuple[float, float]
@@ -59,7 +59,7 @@ def in_long_strips(samples: Samples, opposite: Opposite, *, step: float, gap: fl
     inward = samples.directions[sample, ::-1] * np.where(side[:, None] == LEFT, [-1.0, 1.0], [1.0, -1.0])
     along = _along(samples.points[sample], inward, width[told], gap)
     pairs = [across[across[:, 1] >= 0], along]
-    strip = unite(across.shape[0], np.concatenate(pairs))
+    strip = connected_components(across.shape[0], np.concatenate(pairs))
     number = np.bincount(strip)
     mean_width = np.bincount(strip, width[told]) / number
     # both borders have their places

@@ -9,12 +9,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe.engine.ledger import Facts, Ledger
+from tilepipe.engine.ledger import Ledger
 from tilepipe.io.geoparquet import ParquetLineWriter
 from tilepipe.io.georeference import Geometry
 from tilepipe.pipelines.edges.parameters import EdgeParameters
 from tilepipe.pipelines.edges.pass_fields import ELEMENT_COLUMNS, PIECE_COLUMNS
 from tilepipe.pipelines.edges.reconcile_lines import find_streets, smoothed
+from tilepipe.tiling.facts import Facts
 from tilepipe_kernels.core.compiled import loop
 from tilepipe_kernels.nevatia_babu import elements as nevatia_babu
 from tilepipe_kernels.nevatia_babu import links, tracing

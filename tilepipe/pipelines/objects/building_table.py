@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tilepipe.io.geometries import region_polygons
 from tilepipe.io.geoparquet import ParquetWriter
 from tilepipe.io.georeference import Geometry
 from tilepipe.pipelines.objects.reconcile_buildings import Buildings
@@ -59,7 +60,7 @@ def write_buildings(
     """
     group = np.concatenate([np.zeros(1, np.uint32), buildings.building])
     rings = assemble_polygons(dissolved(exact, group))
-    ids, found = rings.geometries(dissolved(arcs, group), geometry.transform)
+    ids, found = region_polygons(rings, dissolved(arcs, group), geometry.transform)
     polygons = without_holes(found, smallest_hole / geometry.metres**2)
     with ParquetWriter(path, BUILDING_COLUMNS, geometry.crs, "MultiPolygon") as table:
         table.append(_columns(ids.astype(np.int64), polygons, leaves, merged, buildings, geometry.metres), polygons)

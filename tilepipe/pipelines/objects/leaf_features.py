@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe.engine.ledger import Facts
+from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import Tile
 from tilepipe_kernels.core.arrays import namespace
 from tilepipe_kernels.heights import ground, region_means, surface_shape

@@ -12,16 +12,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe.engine.ledger import Facts, Ledger
+from tilepipe.engine.ledger import Ledger
 from tilepipe.engine.passes import StateArray
 from tilepipe.engine.relabel import read_relabelled
-from tilepipe.io.geoparquet import ParquetWriter, lines_from_ragged
+from tilepipe.io.geometries import lines_from_ragged, region_polygons
+from tilepipe.io.geoparquet import ParquetWriter
 from tilepipe.io.georeference import Geometry
 from tilepipe.pipelines.objects.building_table import write_buildings
 from tilepipe.pipelines.objects.parameters import ObjectParameters
 from tilepipe.pipelines.objects.reconcile_buildings import Buildings
 from tilepipe.pipelines.objects.reconcile_leaves import Leaves
 from tilepipe.pipelines.objects.reconcile_regions import Merged
+from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import Tile, TileGrid, Window
 from tilepipe_kernels.polylines import arcs as arc_kernel
 from tilepipe_kernels.polylines.join import Arcs, join_arcs
@@ -167,7 +169,7 @@ def _write_objects(
 ) -> None:
     import shapely
 
-    ids, geometries = rings.geometries(arcs, geometry.transform)
+    ids, geometries = region_polygons(rings, arcs, geometry.transform)
     # nodata can part a region, so that all are written as multipolygons
     parts, owner = shapely.get_parts(geometries, return_index=True)
     polygons = shapely.multipolygons(parts, indices=owner)

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe.engine.ledger import Facts
 from tilepipe.engine.passes import StateArray, write_state
 from tilepipe.io.raster import Raster
 from tilepipe.pipelines.objects.leaf_features import TICKS_PER_METRE, ReliefGauge
 from tilepipe.pipelines.objects.parameters import ObjectParameters
+from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import Tile, TileGrid
 from tilepipe.tiling.seams import edge_facts
 from tilepipe_kernels.core.arrays import Backend, namespace, to_backend

@@ -18,8 +18,8 @@ from tilepipe.pipelines.objects.leaf_features import Relief
 from tilepipe.pipelines.objects.parameters import ObjectParameters
 from tilepipe.pipelines.objects.reconcile_leaves import Leaves
 from tilepipe.pipelines.objects.reconcile_regions import Merged
-from tilepipe.tiling.reconcile import unite
 from tilepipe_kernels.core.arrays import Backend, to_backend, to_host
+from tilepipe_kernels.core.components import connected_components
 from tilepipe_kernels.heights.mixture import ClassPrior, fit_mixture
 from tilepipe_kernels.regions.ising import field_marginals
 
@@ -152,7 +152,7 @@ def _joined(
 ) -> NDArray[np.uint32]:
     """Lowest region id of each connected group of chosen regions that covers ``least`` m²; 0 = none."""
     pairs = edges[chosen[edges].all(axis=1)]
-    group = unite(chosen.size, pairs.astype(np.int64))
+    group = connected_components(chosen.size, pairs.astype(np.int64))
     # components are numbered by their lowest region
     lowest = np.flatnonzero(np.diff(np.maximum.accumulate(group), prepend=-1))
     large = np.bincount(group, area) >= least

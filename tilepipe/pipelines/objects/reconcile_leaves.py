@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe.engine.ledger import Facts
 from tilepipe.pipelines.objects.leaf_features import TICKS_PER_METRE, Relief
+from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import TileGrid
-from tilepipe.tiling.reconcile import Numbering
+from tilepipe.tiling.numbering import Numbering
 from tilepipe.tiling.seams import seam_edges
 from tilepipe_kernels.regions.merging import RegionGraph, Statistics
 

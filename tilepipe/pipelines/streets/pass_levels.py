@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe.engine.ledger import Facts
 from tilepipe.errors import InputError
 from tilepipe.io.raster import Raster
 from tilepipe.pipelines.streets.parameters import StreetParameters
+from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import Tile
 from tilepipe.tiling.histograms import added, as_facts
 from tilepipe.tiling.noise import count_differences, noise

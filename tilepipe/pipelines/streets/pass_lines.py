@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe.engine.ledger import Facts
 from tilepipe.engine.passes import StateArray
 from tilepipe.engine.relabel import read_relabelled
 from tilepipe.pipelines.streets.parameters import StreetParameters
 from tilepipe.pipelines.streets.pass_levels import GreyScale
+from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import Tile, TileGrid, Window
 from tilepipe_kernels.core.arrays import Backend, namespace, to_backend, to_host
 from tilepipe_kernels.image import morphology

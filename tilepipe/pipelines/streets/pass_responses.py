@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tilepipe.engine.ledger import Facts
 from tilepipe.errors import InputError
 from tilepipe.pipelines.streets.parameters import StreetParameters
 from tilepipe.pipelines.streets.pass_levels import GreyScale
 from tilepipe.pipelines.streets.pass_lines import LineContext, read_streets
+from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import Tile
 from tilepipe_kernels.core.arrays import namespace, to_host
 from tilepipe_kernels.ridges import ridges

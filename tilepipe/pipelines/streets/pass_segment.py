@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe.engine.ledger import Facts
 from tilepipe.engine.passes import StateArray, write_state
 from tilepipe.io.raster import Raster
 from tilepipe.pipelines.streets.parameters import StreetParameters
 from tilepipe.pipelines.streets.pass_levels import GreyScale
 from tilepipe.pipelines.streets.reconcile_regions import SUMMED
+from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import Tile, TileGrid, Window
 from tilepipe.tiling.seams import edge_facts, raster_borders, touches_seam
 from tilepipe_kernels.core.arrays import Backend, namespace, to_backend

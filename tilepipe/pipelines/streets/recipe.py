@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe.engine.ledger import Facts, Ledger
+from tilepipe.engine.ledger import Ledger
 from tilepipe.engine.options import RunOptions
 from tilepipe.engine.passes import Pass, Progress, StateArray
 from tilepipe.engine.pipeline import Job, as_list
@@ -27,8 +27,9 @@ from tilepipe.pipelines.streets.pass_levels import CountContext, GreyScale, coun
 from tilepipe.pipelines.streets.pass_responses import Thresholds, count_responses, line_thresholds
 from tilepipe.pipelines.streets.reconcile_regions import Regions, reconcile_regions
 from tilepipe.pipelines.streets.tables import LineScale, write_centerlines
+from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import TileGrid, Window
-from tilepipe.tiling.reconcile import Numbering
+from tilepipe.tiling.numbering import Numbering
 from tilepipe_kernels.image.grey_levels import NO_REGION
 from tilepipe_kernels.network.build import NetworkRules
 

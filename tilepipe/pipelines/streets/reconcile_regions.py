@@ -7,10 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe.engine.ledger import Facts
+from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import TileGrid
-from tilepipe.tiling.reconcile import Numbering, unite
+from tilepipe.tiling.numbering import Numbering
 from tilepipe.tiling.seams import seam_edges
+from tilepipe_kernels.core.components import connected_components
 from tilepipe_kernels.regions.region_table import contour_length
 
 SUMMED = ("count", "horizontal_cracks", "vertical_cracks", "grey_sum")
@@ -84,7 +85,7 @@ def reconcile_regions(
     """
     numbering = Numbering.of_counts(np.array([f["count"].size for f in facts], dtype=np.int64))
     joins, contacts = _seam_contacts(grid, facts, numbering, tolerance)
-    component = unite(numbering.total, joins)
+    component = connected_components(numbering.total, joins)
     size = int(component.max()) + 1 if component.size else 0
     sums = {name: np.zeros(size, np.int64) for name in SUMMED}
     for name in SUMMED:

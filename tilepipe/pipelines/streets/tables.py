@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tilepipe.engine.ledger import Ledger
-from tilepipe.io.geoparquet import ParquetLineWriter, lines_from_ragged
+from tilepipe.io.geometries import lines_from_ragged
+from tilepipe.io.geoparquet import ParquetLineWriter
 from tilepipe.io.georeference import Geometry
 from tilepipe.tiling.grid import TileGrid
 from tilepipe_kernels.network.build import LineBatch, NetworkRules, build_network, iterate_lines

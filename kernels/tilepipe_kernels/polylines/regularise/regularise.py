@@ -65,7 +65,7 @@ def regularise_arcs(
 
     Raises
     ------
-    InputError
+    ValueError
         For tolerances < 0 or pixel sizes that are not > 0.
     """
     sizes = pixel_height, pixel_width
