@@ -12,7 +12,9 @@ import numpy as np
 from benchmarks.kernels.scene import Scene
 from benchmarks.measure.contest import Call, Case, Contestant
 from tilepipe.engine.executors import open_executor
-from tilepipe.engine.passes import Pass, Silent, StateArray, run_pass, write_state
+from tilepipe.engine.passes import Pass, run_pass
+from tilepipe.engine.progress import Silent
+from tilepipe.engine.state import StateArray, write_state
 from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import Tile, TileGrid
 
@@ -66,9 +68,9 @@ def engine_case(scene: Scene, size: int, scratch: Path) -> Case:
 def _run_pass(source: StateArray, folder: Path, workers: int) -> Any:
     shutil.rmtree(folder, ignore_errors=True)
     target = StateArray(folder / "target.zarr", source.grid, "float32")
-    job = Pass("copy", _copy, _Copy(source, target), source.grid, 0, {"target": target})
+    pass_ = Pass("copy", _copy, _Copy(source, target), source.grid, 0, {"target": target})
     with open_executor("threads", workers) as executor:
-        return run_pass(job, folder, executor, Silent())
+        return run_pass(pass_, folder, executor, Silent())
 
 
 def _dask(source: StateArray, path: Path, chunks: int | None) -> Call:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from benchmarks.kernels.scene import TOLERANCE, Band, Scene, diffuse, over_bands
 from benchmarks.measure.contest import Call, Case, Contestant, Unsuitable
-from tilepipe.engine.passes import default_workers
+from tilepipe.engine.options import default_workers
 from tilepipe_kernels.image import diffusion
 from tilepipe_kernels.regions import growing
 from tilepipe_kernels.regions.region_table import region_table

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tilepipe.engine.passes import default_workers
+from tilepipe.engine.options import default_workers
 
 BUSY = 1.5
 """Load average above which timings mislead."""

@@ -11,7 +11,9 @@ import numpy as np
 import pytest
 
 from tilepipe.engine.executors import open_executor
-from tilepipe.engine.passes import Pass, Silent, StateArray, run_pass, write_state
+from tilepipe.engine.passes import Pass, run_pass
+from tilepipe.engine.progress import Silent
+from tilepipe.engine.state import StateArray, write_state
 from tilepipe.errors import InputError, TileError
 from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import Tile, TileGrid
@@ -46,7 +48,7 @@ def context(tmp_path: Path) -> Context:
     return Context(source, StateArray(tmp_path / "result.zarr", GRID, "int32"))
 
 
-def job(context: Context) -> Pass:
+def doubling(context: Context) -> Pass:
     return Pass("double", double, context, GRID, 2, {"result": context.result})
 
 
@@ -58,7 +60,7 @@ def worked(context: Context) -> list[int]:
 @pytest.mark.parametrize(("kind", "workers"), [("threads", 1), ("threads", 3), ("processes", 2)])
 def test_executors_give_the_same_array(context, tmp_path, kind, workers):
     with open_executor(kind, workers) as executor:
-        run_pass(job(context), tmp_path, executor, Silent())
+        run_pass(doubling(context), tmp_path, executor, Silent())
     whole = context.result.read(GRID.tile(0).core.padded(100, GRID.shape))
     np.testing.assert_array_equal(whole, 2 * np.arange(23 * 31).reshape(23, 31))
     assert worked(context) == list(range(len(GRID)))
@@ -66,15 +68,15 @@ def test_executors_give_the_same_array(context, tmp_path, kind, workers):
 
 def test_resume_runs_only_what_is_missing_or_damaged(context, tmp_path):
     with open_executor("threads", 1) as executor:
-        ledger = run_pass(job(context), tmp_path, executor, Silent())
+        ledger = run_pass(doubling(context), tmp_path, executor, Silent())
         (tmp_path / "worked").unlink()
-        run_pass(job(context), tmp_path, executor, Silent())
+        run_pass(doubling(context), tmp_path, executor, Silent())
         assert worked(context) == []
         ledger.forget(GRID.tile(2).name)
         damaged = ledger.path(GRID.tile(4).name)
         damaged.write_bytes(damaged.read_bytes()[:-3])
         context.result.write(GRID.tile(7), np.zeros(GRID.tile(7).core.shape))
-        run_pass(job(context), tmp_path, executor, Silent())
+        run_pass(doubling(context), tmp_path, executor, Silent())
     assert worked(context) == [2, 4, 7]
     whole = context.result.read(GRID.tile(0).core.padded(100, GRID.shape))
     np.testing.assert_array_equal(whole, 2 * np.arange(23 * 31).reshape(23, 31))
@@ -84,9 +86,9 @@ def test_failed_tiles_are_named_and_the_others_kept(context, tmp_path):
     failing = Context(context.source, context.result, failing=(3, 5))
     with open_executor("threads", 2) as executor:
         with pytest.raises(TileError, match=r"tile r0000c0003 .*and 1 more tiles of 12 failed: no luck here"):
-            run_pass(job(failing), tmp_path, executor, Silent())
+            run_pass(doubling(failing), tmp_path, executor, Silent())
         (tmp_path / "worked").unlink()
-        run_pass(job(context), tmp_path, executor, Silent())
+        run_pass(doubling(context), tmp_path, executor, Silent())
     assert worked(context) == [3, 5]
 
 
@@ -110,7 +112,7 @@ def test_distributed_cluster(context, tmp_path):
         ) as cluster,
         open_executor(cluster.scheduler_address, 1) as executor,
     ):
-        run_pass(job(context), tmp_path, executor, Silent())
+        run_pass(doubling(context), tmp_path, executor, Silent())
     assert worked(context) == list(range(len(GRID)))
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from tilepipe.engine.passes import Progress, Silent
+from tilepipe.engine.progress import Progress, Silent
 
 if TYPE_CHECKING:
     from rich.progress import Progress as Bars
@@ -21,13 +21,13 @@ class ProgressBars:
         self.tasks: dict[str, TaskID] = {}
 
     def start(self, name: str, total: int, done: int = 0) -> None:
-        """See `tilepipe.engine.passes.Progress.start`."""
+        """See `tilepipe.engine.progress.Progress.start`."""
         self.bars.start()
         note = f" ({done} done before)" if done else ""
         self.tasks[name] = self.bars.add_task(f"{name}{note}", total=total, completed=done)
 
     def advance(self, name: str) -> None:
-        """See `tilepipe.engine.passes.Progress.advance`."""
+        """See `tilepipe.engine.progress.Progress.advance`."""
         self.bars.advance(self.tasks[name])
 
     def __call__(self, stage: str, done: int, total: int) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tilepipe.engine.options import RunOptions
-from tilepipe.engine.passes import Progress, Silent
+from tilepipe.engine.progress import Progress, Silent
 
 BUFFER = 3.0
 """Buffer of the demo's score in metres."""

@@ -53,8 +53,7 @@ def grid(
 ) -> None:
     """Grid lidar point clouds to a raster of heights or intensities."""
     from tilepipe.cli.bars import progress_bars
-    from tilepipe.engine.options import parse_memory
-    from tilepipe.engine.passes import default_workers
+    from tilepipe.engine.options import default_workers, parse_memory
     from tilepipe.pipelines.points.recipe import grid_clouds
 
     with progress_bars(quiet) as progress:
@@ -232,7 +231,7 @@ def city(
 ) -> None:
     """Write a seeded synthetic city of any size with its truth."""
     from tilepipe.cli.bars import progress_bars
-    from tilepipe.engine.passes import default_workers
+    from tilepipe.engine.options import default_workers
     from tilepipe.synthetic import City, write_city
 
     with progress_bars(quiet) as progress:

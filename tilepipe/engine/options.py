@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import operator
+import os
 import re
 from dataclasses import dataclass, field
 
-from tilepipe.engine.passes import default_workers
 from tilepipe.errors import InputError
 from tilepipe_kernels.core.arrays import Backend, choose_backend
 
@@ -34,6 +34,11 @@ def format_memory(size: float) -> str:
             return f"{size:.0f} {unit}"
         size /= 1024
     return f"{size:.1f} GiB"
+
+
+def default_workers() -> int:
+    """Number of cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @dataclass(frozen=True)

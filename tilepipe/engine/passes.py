@@ -6,119 +6,21 @@ named arrays that a reconciliation needs.  When both are on disk the tile is don
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache, partial
+from functools import partial
 from pathlib import Path
-from typing import Any, Protocol
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Any
 
 from tilepipe.engine.device import on_device
 from tilepipe.engine.executors import Executor
-from tilepipe.engine.ledger import Ledger, checksum
+from tilepipe.engine.ledger import Ledger
+from tilepipe.engine.progress import Progress
+from tilepipe.engine.state import StateArray, is_whole
 from tilepipe.errors import TileError
 from tilepipe.tiling.facts import Facts
-from tilepipe.tiling.grid import Tile, TileGrid, Window
+from tilepipe.tiling.grid import Tile, TileGrid
 from tilepipe_kernels.core.arrays import Backend, to_host
-
-_CHUNK = 1024
-"""Largest chunk of a state array, in pixels: small enough that halos cost little to read."""
-
-
-class Progress(Protocol):
-    """What a run tells about its progress."""
-
-    def start(self, name: str, total: int, done: int) -> None:
-        """A stage of ``total`` tiles begins, of which ``done`` were finished by an earlier run."""
-        ...
-
-    def advance(self, name: str) -> None:
-        """One more tile is finished."""
-        ...
-
-    def __call__(self, stage: str, done: int, total: int) -> None:
-        """Work that counts by itself has finished ``done`` of ``total``."""
-        ...
-
-
-class Silent:
-    """Progress that tells nothing."""
-
-    def start(self, name: str, total: int, done: int) -> None:
-        """See `Progress.start`."""
-
-    def advance(self, name: str) -> None:
-        """See `Progress.advance`."""
-
-    def __call__(self, stage: str, done: int, total: int) -> None:
-        """See `Progress.__call__`."""
-
-
-@dataclass(frozen=True)
-class StateArray:
-    """A raster of intermediate results in a Zarr array on ``grid``; each tile writes its core and no other chunk."""
-
-    path: Path
-    grid: TileGrid
-    dtype: str
-    fill: int = 0
-
-    def create(self) -> None:
-        """Create the array unless it is there."""
-        import zarr
-        from zarr.codecs import BloscCodec
-
-        if (self.path / "zarr.json").exists():
-            return
-        chunks = tuple(_chunk(size) for size in self.grid.tile_shape)
-        compressor = BloscCodec(cname="lz4", clevel=1, shuffle="shuffle")
-        zarr.create_array(
-            self.path,
-            shape=self.grid.shape,
-            chunks=chunks,
-            dtype=self.dtype,
-            fill_value=self.fill,
-            compressors=compressor,
-            overwrite=True,
-        )
-
-    def read(self, window: Window) -> NDArray[Any]:
-        """Values of a window."""
-        return np.asarray(_open_array(self.path)[window.slices])
-
-    def write(self, tile: Tile, values: NDArray[Any]) -> int:
-        """Write the core of a tile of this array's grid; returns the checksum of what was written."""
-        values = np.ascontiguousarray(to_host(values), dtype=self.dtype)
-        if values.shape != tile.core.shape:
-            raise ValueError(f"tile {tile.name} writes {values.shape} into a core of {tile.core.shape}")
-        _open_array(self.path)[tile.core.slices] = values
-        return checksum(values)
-
-    def checksum(self, tile: Tile) -> int:
-        """Checksum of a tile's core as it lies on disk."""
-        return checksum(self.read(tile.core))
-
-
-def _chunk(size: int) -> int:
-    """Largest divisor of a tile's size that is at most `_CHUNK`; the size itself when its divisors are tiny."""
-    divisor = next(d for d in range(min(size, _CHUNK), 0, -1) if size % d == 0)
-    return divisor if divisor >= min(size, _CHUNK // 4) else size
-
-
-def _open_array(path: Path) -> Any:
-    # a later run may make another array of the same name, so the handle is kept per version of its metadata
-    return _opened_array(path, (path / "zarr.json").stat().st_mtime_ns)
-
-
-@lru_cache(maxsize=64)
-def _opened_array(path: Path, _version: int) -> Any:
-    import zarr
-
-    return zarr.open_array(path, mode="r+")
-
 
 TileFunction = Callable[[Any, Tile], Facts]
 
@@ -165,43 +67,24 @@ class Pass:
         return rows * columns * self.bytes_per_pixel
 
 
-_CHECK = "checksum:"
-
-
-def _run_tile(job: Pass, folder: Path, tile: Tile) -> int:
+def _run_tile(pass_: Pass, folder: Path, tile: Tile) -> int:
     """Compute one tile and record it; runs on a worker."""
-    compute = partial(_facts_on_host, job, tile)
-    facts = compute() if job.backend == "numpy" else on_device(compute, tile, job.device_memory)
+    compute = partial(_facts_on_host, pass_, tile)
+    facts = compute() if pass_.backend == "numpy" else on_device(compute, tile, pass_.device_memory)
     Ledger(folder).record(tile.name, facts)
     return tile.number
 
 
-def _facts_on_host(job: Pass, tile: Tile) -> Facts:
-    return {name: to_host(value) for name, value in job.function(job.context, tile).items()}
+def _facts_on_host(pass_: Pass, tile: Tile) -> Facts:
+    return {name: to_host(value) for name, value in pass_.function(pass_.context, tile).items()}
 
 
-def write_state(arrays: Mapping[str, StateArray], tile: Tile, values: Mapping[str, NDArray[Any]]) -> Facts:
-    """Write the cores of state arrays; returns the checksums as facts, to be returned by the tile function."""
-    facts: Facts = {}
-    for name, array in arrays.items():
-        own = array.grid.tile(tile.number)
-        facts[_CHECK + name] = np.array([array.write(own, values[name])], dtype=np.uint32)
-    return facts
-
-
-def run_pass(
-    job: Pass,
-    state: Path,
-    executor: Executor,
-    progress: Progress,
-    *,
-    verify: bool = True,
-) -> Ledger:
+def run_pass(pass_: Pass, state: Path, executor: Executor, progress: Progress, *, verify: bool = True) -> Ledger:
     """Run a pass on all tiles that are not done yet.
 
     Parameters
     ----------
-    job
+    pass_
         The pass.
     state
         Folder of the run's state; the pass keeps its ledger in ``state/<name>``.
@@ -222,22 +105,22 @@ def run_pass(
     TileError
         When tiles failed; all others are finished before it is raised, and it names them.
     """
-    ledger = Ledger(state / job.name)
-    for array in job.writes.values():
+    ledger = Ledger(state / pass_.name)
+    for array in pass_.writes.values():
         array.create()
-    tiles = list(job.grid.tiles(job.halo))
+    tiles = list(pass_.grid.tiles(pass_.halo))
     marked = ledger.done()
-    finished = {t.number for t in tiles if t.name in marked and (not verify or _verified(job, ledger, t))}
+    finished = {t.number for t in tiles if t.name in marked and (not verify or _verified(pass_, ledger, t))}
     todo = [tile for tile in tiles if tile.number not in finished]
-    progress.start(job.name, len(tiles), len(finished))
+    progress.start(pass_.name, len(tiles), len(finished))
     failures: list[tuple[Tile, BaseException]] = []
-    for tile, _, error in executor.run(partial(_run_tile, job, ledger.folder), todo):
+    for tile, _, error in executor.run(partial(_run_tile, pass_, ledger.folder), todo):
         if error is None:
-            progress.advance(job.name)
+            progress.advance(pass_.name)
         else:
             failures.append((tile, error))
     if failures:
-        raise _tile_error(job.name, failures, len(tiles))
+        raise _tile_error(pass_.name, failures, len(tiles))
     return ledger
 
 
@@ -256,19 +139,12 @@ def _tile_error(name: str, failures: Sequence[tuple[Tile, BaseException]], total
     return failed
 
 
-def _verified(job: Pass, ledger: Ledger, tile: Tile) -> bool:
+def _verified(pass_: Pass, ledger: Ledger, tile: Tile) -> bool:
     """Whether a tile marked as done is whole on disk; if not it is forgotten."""
     try:
-        facts = ledger.facts(tile.name)
-        for name, array in job.writes.items():
-            if int(facts[_CHECK + name][0]) != array.checksum(array.grid.tile(tile.number)):
-                raise ValueError(f"state {name} differs")
+        whole = is_whole(pass_.writes, tile, ledger.facts(tile.name))
     except Exception:
+        whole = False
+    if not whole:
         ledger.forget(tile.name)
-        return False
-    return True
-
-
-def default_workers() -> int:
-    """Number of cores this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return whole

@@ -13,9 +13,11 @@ from pydantic import BaseModel
 
 from tilepipe import __version__
 from tilepipe.engine.options import RunOptions
-from tilepipe.engine.passes import Pass, Progress, Silent, StateArray, TileFunction
+from tilepipe.engine.passes import Pass, TileFunction
 from tilepipe.engine.planning import Plan
+from tilepipe.engine.progress import Progress, Silent
 from tilepipe.engine.run import Record, Run, absolute_name, open_run
+from tilepipe.engine.state import StateArray
 from tilepipe.io.formats import convert
 from tilepipe.io.raster import Raster
 from tilepipe.tiling.grid import TileGrid

@@ -20,7 +20,8 @@ from typing import IO, Any, TypeVar
 from tilepipe.engine.executors import Executor, open_executor
 from tilepipe.engine.ledger import Ledger, write_whole
 from tilepipe.engine.options import RunOptions
-from tilepipe.engine.passes import Pass, Progress, run_pass
+from tilepipe.engine.passes import Pass, run_pass
+from tilepipe.engine.progress import Progress
 from tilepipe.errors import InputError
 
 RECORD = "run.toml"
@@ -83,10 +84,10 @@ class Run:
         self.progress = progress
         self.timings: dict[str, float] = {}
 
-    def run_pass(self, job: Pass) -> Ledger:
+    def run_pass(self, pass_: Pass) -> Ledger:
         """Run a pass on all tiles; returns its ledger."""
-        with self.timed(job.name):
-            return run_pass(job, self.state, self.executor, self.progress)
+        with self.timed(pass_.name):
+            return run_pass(pass_, self.state, self.executor, self.progress)
 
     @contextmanager
     def beside(self, function: Callable[..., Result], *arguments: Any) -> Iterator[Future[Result]]:

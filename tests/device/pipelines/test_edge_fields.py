@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.scenes import write_raster
-from tilepipe.engine.passes import StateArray
+from tilepipe.engine.state import StateArray
 from tilepipe.pipelines.edges.parameters import edge_parameters
 from tilepipe.pipelines.edges.pass_bands import Photograph, open_photograph
 from tilepipe.pipelines.edges.pass_fields import NODATA, FieldContext, find_fields, halo

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.scenes import write_raster
-from tilepipe.engine.passes import StateArray
+from tilepipe.engine.state import StateArray
 from tilepipe.io.raster import open_raster
 from tilepipe.pipelines.objects.parameters import object_parameters
 from tilepipe.pipelines.objects.pass_leaves import LeafContext, find_leaves

@@ -185,10 +185,10 @@ def test_a_failed_tile_publishes_nothing_and_is_named(tmp_path, monkeypatch):
     raster = write_raster(tmp_path / "intensity.tif", draw(SHAPE, scene_masks()["cross"]))
     run_tile = passes._run_tile
 
-    def failing(job, folder, tile):
-        if job.name == "segment" and tile.number == 4:
+    def failing(pass_, folder, tile):
+        if pass_.name == "segment" and tile.number == 4:
             raise RuntimeError("broken memory")
-        return run_tile(job, folder, tile)
+        return run_tile(pass_, folder, tile)
 
     monkeypatch.setattr(passes, "_run_tile", failing)
     with pytest.raises(TileError, match=r"segment: tile r0001c0001 .*broken memory"):

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe.engine.passes import StateArray, write_state
+from tilepipe.engine.state import StateArray, write_state
 from tilepipe.pipelines.edges.parameters import EdgeParameters
 from tilepipe.pipelines.edges.pass_bands import Photograph
 from tilepipe.pipelines.edges.pass_levels import LevelScale

@@ -13,10 +13,12 @@ from typing import Any
 
 from tilepipe.engine.ledger import Ledger
 from tilepipe.engine.options import RunOptions
-from tilepipe.engine.passes import Pass, Progress, StateArray
+from tilepipe.engine.passes import Pass
 from tilepipe.engine.pipeline import Job, as_list
 from tilepipe.engine.planning import Plan, plan_passes
+from tilepipe.engine.progress import Progress
 from tilepipe.engine.run import STATE, Record, Run
+from tilepipe.engine.state import StateArray
 from tilepipe.io.cog import write_cog
 from tilepipe.pipelines.edges.parameters import EdgeParameters, edge_parameters
 from tilepipe.pipelines.edges.pass_bands import PRINCIPAL_COMPONENT, Photograph, open_photograph, sample_bands

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tilepipe.engine.ledger import Ledger
-from tilepipe.engine.passes import StateArray
 from tilepipe.engine.relabel import read_relabelled
+from tilepipe.engine.state import StateArray
 from tilepipe.io.geometries import lines_from_ragged, region_polygons
 from tilepipe.io.geoparquet import ParquetWriter
 from tilepipe.io.georeference import Geometry

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe.engine.passes import StateArray, write_state
+from tilepipe.engine.state import StateArray, write_state
 from tilepipe.io.raster import Raster
 from tilepipe.pipelines.objects.leaf_features import TICKS_PER_METRE, ReliefGauge
 from tilepipe.pipelines.objects.parameters import ObjectParameters

@@ -14,10 +14,12 @@ import numpy as np
 from tilepipe.engine.device import fitting
 from tilepipe.engine.ledger import Ledger
 from tilepipe.engine.options import RunOptions
-from tilepipe.engine.passes import Pass, Progress, StateArray
+from tilepipe.engine.passes import Pass
 from tilepipe.engine.pipeline import Job, as_list
 from tilepipe.engine.planning import Plan, plan_passes
+from tilepipe.engine.progress import Progress
 from tilepipe.engine.run import STATE, Record, Run
+from tilepipe.engine.state import StateArray
 from tilepipe.errors import InputError
 from tilepipe.io.cog import write_cog
 from tilepipe.io.raster import open_raster

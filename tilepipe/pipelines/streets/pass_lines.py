@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe.engine.passes import StateArray
 from tilepipe.engine.relabel import read_relabelled
+from tilepipe.engine.state import StateArray
 from tilepipe.pipelines.streets.parameters import StreetParameters
 from tilepipe.pipelines.streets.pass_levels import GreyScale
 from tilepipe.tiling.facts import Facts

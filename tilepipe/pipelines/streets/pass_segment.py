@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe.engine.passes import StateArray, write_state
+from tilepipe.engine.state import StateArray, write_state
 from tilepipe.io.raster import Raster
 from tilepipe.pipelines.streets.parameters import StreetParameters
 from tilepipe.pipelines.streets.pass_levels import GreyScale

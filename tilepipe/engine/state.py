@@ -1,0 +1,106 @@
+"""Intermediate results of a run: Zarr arrays of which each tile writes its own core.
+
+What a tile has written is noted among its facts by a checksum, so that a later run can verify it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tilepipe.engine.ledger import checksum
+from tilepipe.tiling.facts import Facts
+from tilepipe.tiling.grid import Tile, TileGrid, Window
+from tilepipe_kernels.core.arrays import to_host
+
+_CHUNK = 1024
+"""Largest chunk of a state array, in pixels: small enough that halos cost little to read."""
+
+_CHECKSUM = "checksum:"
+"""What the names of the facts that hold checksums begin with."""
+
+
+@dataclass(frozen=True)
+class StateArray:
+    """A raster of intermediate results in a Zarr array on ``grid``; each tile writes its core and no other chunk."""
+
+    path: Path
+    grid: TileGrid
+    dtype: str
+    fill: int = 0
+
+    def create(self) -> None:
+        """Create the array unless it is there."""
+        import zarr
+        from zarr.codecs import BloscCodec
+
+        if (self.path / "zarr.json").exists():
+            return
+        chunks = tuple(_chunk(size) for size in self.grid.tile_shape)
+        compressor = BloscCodec(cname="lz4", clevel=1, shuffle="shuffle")
+        zarr.create_array(
+            self.path,
+            shape=self.grid.shape,
+            chunks=chunks,
+            dtype=self.dtype,
+            fill_value=self.fill,
+            compressors=compressor,
+            overwrite=True,
+        )
+
+    def read(self, window: Window) -> NDArray[Any]:
+        """Values of a window."""
+        return np.asarray(_open_array(self.path)[window.slices])
+
+    def write(self, tile: Tile, values: NDArray[Any]) -> int:
+        """Write the core of a tile of this array's grid; returns the checksum of what was written."""
+        values = np.ascontiguousarray(to_host(values), dtype=self.dtype)
+        if values.shape != tile.core.shape:
+            raise ValueError(f"tile {tile.name} writes {values.shape} into a core of {tile.core.shape}")
+        _open_array(self.path)[tile.core.slices] = values
+        return checksum(values)
+
+    def checksum(self, tile: Tile) -> int:
+        """Checksum of a tile's core as it lies on disk."""
+        return checksum(self.read(tile.core))
+
+
+def _chunk(size: int) -> int:
+    """Largest divisor of a tile's size that is at most `_CHUNK`; the size itself when its divisors are tiny."""
+    divisor = next(d for d in range(min(size, _CHUNK), 0, -1) if size % d == 0)
+    return divisor if divisor >= min(size, _CHUNK // 4) else size
+
+
+def _open_array(path: Path) -> Any:
+    # a later run may make another array of the same name, so the handle is kept per version of its metadata
+    return _opened_array(path, (path / "zarr.json").stat().st_mtime_ns)
+
+
+@lru_cache(maxsize=64)
+def _opened_array(path: Path, _version: int) -> Any:
+    import zarr
+
+    return zarr.open_array(path, mode="r+")
+
+
+def write_state(arrays: Mapping[str, StateArray], tile: Tile, values: Mapping[str, NDArray[Any]]) -> Facts:
+    """Write the cores of state arrays; returns the checksums as facts, to be returned by the tile function."""
+    facts: Facts = {}
+    for name, array in arrays.items():
+        own = array.grid.tile(tile.number)
+        facts[_CHECKSUM + name] = np.array([array.write(own, values[name])], dtype=np.uint32)
+    return facts
+
+
+def is_whole(arrays: Mapping[str, StateArray], tile: Tile, facts: Facts) -> bool:
+    """Whether a tile's cores lie on disk as `write_state` has noted in its facts."""
+    return all(
+        int(facts[_CHECKSUM + name][0]) == array.checksum(array.grid.tile(tile.number))
+        for name, array in arrays.items()
+    )
