@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 
 from benchmarks.measure.tables import Table
 from benchmarks.measure.watch import Watched, watch
-from tilepipe.engine.run import TIMINGS
+from tilepipe.io.record import TIMINGS
 
 LONG = 120.0
 """Seconds; a run that takes longer is not repeated."""

@@ -15,8 +15,9 @@ from benchmarks.kernels.page import warn_if_busy
 from benchmarks.measure.machine import describe_machine, load_average
 from benchmarks.measure.tables import RESULTS, Table, number, save
 from benchmarks.measure.watch import Watched, time_to_first_file, watch
-from tilepipe.engine.run import STATE, TIMINGS
+from tilepipe.engine.run import STATE
 from tilepipe.evaluate.lines import LineScore, evaluate
+from tilepipe.io.record import TIMINGS
 from tilepipe.synthetic import City, write_city
 
 SIZE, QUICK_SIZE = 4096, 1024

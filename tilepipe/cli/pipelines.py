@@ -217,7 +217,7 @@ def load_record(path: Path, out: Path | None) -> dict[str, Any]:
     InputError
         The file is no record.
     """
-    from tilepipe.engine.run import read_record
+    from tilepipe.io.record import read_record
 
     record = read_record(path)
     if unknown := sorted(set(record) - _KNOWN):

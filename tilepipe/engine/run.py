@@ -23,12 +23,11 @@ from tilepipe.engine.options import RunOptions
 from tilepipe.engine.passes import Pass, run_pass
 from tilepipe.engine.progress import Progress
 from tilepipe.errors import InputError
+from tilepipe.io.record import RECORD, TIMINGS, read_record
 
-RECORD = "run.toml"
 STATE = ".state"
 IDENTITY = "identity.toml"
 LOCK = "lock"
-TIMINGS = "timings.json"
 
 _GDAL_CACHE = 64
 """GDAL's cache of decoded blocks in MiB; its own choice grows with the machine and would break the memory plan."""
@@ -53,24 +52,6 @@ def write_record(path: Path, record: Mapping[str, Any]) -> None:
         return value
 
     write_whole(path, tomli_w.dumps(clean(record)).encode())
-
-
-def read_record(path: Path) -> Record:
-    """Read a record.
-
-    Raises
-    ------
-    InputError
-        When the file is missing or is no TOML.
-    """
-    try:
-        return tomllib.loads(path.read_text())
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file; name the run.toml of a run") from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}); name the run.toml of a run") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: is no valid TOML ({error})") from error
 
 
 class Run:

@@ -135,7 +135,7 @@ def edge_pictures(run_dir: str | os.PathLike[str]) -> list[Path]:
 def _open_run(folder: Path) -> _EdgesRun:
     import rasterio
 
-    from tilepipe.engine.run import RECORD, read_record
+    from tilepipe.io.record import RECORD, read_record
     from tilepipe.io.tables import metres_per_unit, read_vectors, run_table
 
     table, raster = run_table(folder, "edges"), folder / "segments.tif"
@@ -216,7 +216,7 @@ def _background(run: _EdgesRun, bounds: Bounds) -> tuple[NDArray[np.uint8], str]
 
 def _photograph(run: _EdgesRun, window: Window) -> NDArray[np.float32]:
     """Grey values of the inputs as the run has seen them."""
-    from tilepipe.engine.run import RECORD, read_record
+    from tilepipe.io.record import RECORD, read_record
     from tilepipe.pipelines.edges.pass_bands import open_photograph
     from tilepipe.pipelines.edges.recipe import SUMMARY
 
