@@ -195,6 +195,13 @@ def on_device(*arrays: Any) -> bool:
     ------
     TypeError
         Where some do and some do not: nothing moves silently.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tilepipe_kernels.core.arrays import on_device
+    >>> on_device(np.zeros(3), None, np.ones(3))  # None stands for an array that was not given
+    False
     """
     found = {_is_device_array(array) for array in arrays if array is not None}
     if len(found) > 1:
@@ -208,12 +215,31 @@ def _is_device_array(array: Any) -> bool:
 
 
 def namespace(*arrays: Any) -> Any:
-    """Module with the array functions for arrays of one kind: numpy, or cupy."""
+    """Module with the array functions for arrays of one kind: numpy, or cupy.
+
+    Examples
+    --------
+    A formula that is written once for both kinds of arrays.
+
+    >>> import numpy as np
+    >>> from tilepipe_kernels.core.arrays import namespace
+    >>> def slope(right, down):
+    ...     return namespace(right, down).hypot(right, down)
+    >>> slope(np.array([3.0, 0.0]), np.array([4.0, 1.0])).tolist()
+    [5.0, 1.0]
+    """
     return device_namespace() if on_device(*arrays) else np
 
 
 def as_array(values: Any) -> NDArray[Any]:
-    """Array of what a caller gives: a device array as it is, anything else on the host."""
+    """Array of what a caller gives: a device array as it is, anything else on the host.
+
+    Examples
+    --------
+    >>> from tilepipe_kernels.core.arrays import as_array
+    >>> as_array([[1, 2], [3, 4]]).shape
+    (2, 2)
+    """
     return values if on_device(values) else np.asarray(values)
 
 
@@ -268,6 +294,16 @@ def choose_backend(wanted: str) -> Backend:
     ------
     ValueError
         For ``cupy`` where it cannot work, and for an unknown name.
+
+    Examples
+    --------
+    >>> from tilepipe_kernels.core.arrays import choose_backend
+    >>> choose_backend("numpy")
+    'numpy'
+    >>> choose_backend("torch")
+    Traceback (most recent call last):
+        ...
+    ValueError: backend 'torch' is unknown: use auto, numpy or cupy
     """
     if wanted == "numpy":
         return "numpy"
@@ -290,7 +326,16 @@ def to_device(array: NDArray[Any]) -> Any:
 
 
 def to_backend(array: NDArray[Any], backend: Backend) -> Any:
-    """Array of a backend: as it is for numpy, on the device for cupy."""
+    """Array of a backend: as it is for numpy, on the device for cupy.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tilepipe_kernels.core.arrays import to_backend
+    >>> heights = np.array([3.0, 4.0])
+    >>> to_backend(heights, "numpy") is heights  # nothing is copied
+    True
+    """
     return to_device(array) if backend == "cupy" else array
 
 
@@ -323,7 +368,14 @@ _DEVICE_ERRORS = frozenset(("OutOfMemoryError", "CUDARuntimeError", "CUDADriverE
 
 
 def is_out_of_memory(error: BaseException) -> bool:
-    """Whether an error says that the memory of the device, or its limit, is too small."""
+    """Whether an error says that the memory of the device, or its limit, is too small.
+
+    Examples
+    --------
+    >>> from tilepipe_kernels.core.arrays import DeviceMemoryError, is_out_of_memory
+    >>> is_out_of_memory(DeviceMemoryError()), is_out_of_memory(MemoryError("of the host"))
+    (True, False)
+    """
     text = str(error).lower().replace("_", " ")
     # a wrong address of memory is another matter
     too_small = "out of memory" in text or "memoryallocation" in text

@@ -20,6 +20,15 @@ def connected_components(total: int, pairs: NDArray[np.int64]) -> NDArray[np.int
     -------
     ndarray of int64, shape (total,)
         Component of each node, numbered from 0 by the lowest node of each component.
+
+    Examples
+    --------
+    Six regions, of which 1, 3 and 4 are joined, and 2 and 5.
+
+    >>> import numpy as np
+    >>> from tilepipe_kernels.core.components import connected_components
+    >>> connected_components(6, np.array([[4, 3], [1, 4], [2, 5]])).tolist()
+    [0, 1, 2, 1, 1, 2]
     """
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components as components_of

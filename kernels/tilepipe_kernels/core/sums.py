@@ -48,7 +48,17 @@ def _block_sums(values: Float64, sums: Float64) -> None:
 
 
 def ordered_sum(values: NDArray[Any]) -> float:
-    """Sum of real values, shape (n,), in float64 and in an order that depends on n alone; read by the host."""
+    """Sum of real values, shape (n,), in float64 and in an order that depends on n alone; read by the host.
+
+    Examples
+    --------
+    The last bits of a sum depend on its order, which is the same on every machine.
+
+    >>> import numpy as np
+    >>> from tilepipe_kernels.core.sums import ordered_sum
+    >>> ordered_sum(np.array([1e16, 1.0, -1e16, 1.0]))
+    1.0
+    """
     if on_device(values):
         device = device_form(__name__)
         return float(device.block_sums(values).sum())

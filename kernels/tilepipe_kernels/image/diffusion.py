@@ -24,6 +24,12 @@ def largest_stable_time_step(model: Model = "curvature") -> float:
     Perona–Malik: a step is a mean of the five values with weights >= 0 while ``time_step <= 1/4``.
     Curvature: with frozen coefficients the central differences have the symbol ``-4 g`` at worst, so that
     ``time_step <= 1/2`` is stable in the 2-norm; `diffuse` secures the extrema themselves.
+
+    Examples
+    --------
+    >>> from tilepipe_kernels.image.diffusion import largest_stable_time_step
+    >>> largest_stable_time_step("curvature"), largest_stable_time_step("perona-malik-rational")
+    (0.5, 0.25)
     """
     _check_model(model)
     return 0.5 if model == "curvature" else 0.25
@@ -34,6 +40,14 @@ def halo(steps: int, gradient_sigma: float = 1.0, model: Model = "curvature") ->
 
     One step of the curvature model needs the Gaussian, cut off at ``ceil(3 σ)``, at the four neighbours; one
     step of Perona–Malik needs the four neighbours.
+
+    Examples
+    --------
+    >>> from tilepipe_kernels.image.diffusion import halo
+    >>> halo(40, gradient_sigma=1.0)  # 40 steps of the curvature model, each of them seeing 3 + 1 pixels far
+    160
+    >>> halo(40, model="perona-malik-rational")
+    40
     """
     _check_model(model)
     return steps * _reach(gradient_sigma, model)
@@ -97,6 +111,17 @@ def diffuse(
     ValueError
         For an unstable time step (the message names the bound), a parameter out of range, a block that is not
         a two-dimensional real array, a core outside the block.
+
+    Examples
+    --------
+    A noisy dark street (about 40) beside a noisy bright roof (about 200): each becomes even, and the border stays.
+
+    >>> import numpy as np
+    >>> from tilepipe_kernels.image.diffusion import diffuse
+    >>> grey = np.array([[36, 44, 40, 204, 196, 200], [44, 36, 42, 196, 204, 198], [38, 42, 40, 202, 198, 200]])
+    >>> smooth = diffuse(grey, steps=20, time_step=0.25, conductance=20, model="perona-malik-exponential")
+    >>> smooth[1].round().astype(int).tolist()
+    [40, 40, 40, 200, 200, 200]
     """
     image: Any = block if on_device(block) else np.asarray(block)
     if image.ndim != 2 or image.dtype.kind not in "buif":

@@ -27,7 +27,14 @@ _ONE = np.int16(1)
 
 
 def halo(cap: int) -> int:
-    """Width in pixels beyond which the background cannot matter: the cap itself."""
+    """Width in pixels beyond which the background cannot matter: the cap itself.
+
+    Examples
+    --------
+    >>> from tilepipe_kernels.image.distance import halo
+    >>> halo(30)
+    30
+    """
     return checked_cap(cap)
 
 
@@ -74,6 +81,18 @@ def distance_squared(mask: NDArray[Any], cap: int) -> NDArray[np.int32]:
     ------
     ValueError
         For a mask that is no 2-D array of bool or integers, or a cap outside 1 .. 16000.
+
+    Examples
+    --------
+    The middle of a street three pixels wide is 2 pixels from its sides; the array's border is none of them.
+
+    >>> import numpy as np
+    >>> from tilepipe_kernels.image.distance import distance_squared
+    >>> street = np.array([[0, 0, 0, 0], [1, 1, 1, 1], [1, 1, 1, 1], [1, 1, 1, 1], [0, 0, 0, 0]])
+    >>> distance_squared(street, cap=10)[:, 0].tolist()
+    [0, 1, 4, 1, 0]
+    >>> distance_squared(street, cap=1)[:, 0].tolist()  # farther than the cap: cap² + 1
+    [0, 1, 2, 1, 0]
     """
     cap = checked_cap(cap)
     vertical = column_offsets(mask_bytes(mask), np.int16(cap + 1))
@@ -98,6 +117,16 @@ def nearest_background(mask: NDArray[Any], cap: int) -> tuple[NDArray[np.int32],
         int16, shape (rows, columns): the nearest background pixel less the pixel itself.  Of several at the
         same distance the one of the lowest row, then of the lowest column.  Both 0 on the background and
         beyond the cap.
+
+    Examples
+    --------
+    From each pixel of a street to the nearest pixel beside it: the upper row looks up, the lower row looks down.
+
+    >>> import numpy as np
+    >>> from tilepipe_kernels.image.distance import nearest_background
+    >>> squared, down, right = nearest_background(np.array([[0, 0], [1, 1], [1, 1], [0, 0]]), cap=5)
+    >>> down.tolist()
+    [[0, 0], [-1, -1], [1, 1], [0, 0]]
     """
     cap = checked_cap(cap)
     if on_device(mask):

@@ -16,7 +16,14 @@ Whole = int | np.int64
 
 
 def halo(reach: float) -> int:
-    """Pixels beyond which a value cannot fill a void."""
+    """Pixels beyond which a value cannot fill a void.
+
+    Examples
+    --------
+    >>> from tilepipe_kernels.image.fill import halo
+    >>> halo(2.5)
+    2
+    """
     return math.floor(reach)
 
 
@@ -39,6 +46,18 @@ def fill_voids(block: NDArray[Any], reach: float) -> NDArray[np.floating]:
     ------
     ValueError
         When ``reach`` is negative or above 16000, or the block is not two-dimensional.
+
+    Examples
+    --------
+    A void of three pixels between two heights, of which only those beside a height are within reach.
+
+    >>> import numpy as np
+    >>> from tilepipe_kernels.image.fill import fill_voids
+    >>> heights = np.array([[4.0, np.nan, np.nan, np.nan, 7.0]])
+    >>> fill_voids(heights, reach=1).tolist()
+    [[4.0, 4.0, nan, 7.0, 7.0]]
+    >>> fill_voids(heights, reach=2).tolist()  # of two equally near values the one of the lower column
+    [[4.0, 4.0, 4.0, 7.0, 7.0]]
     """
     given = as_array(block)
     xp = namespace(given)

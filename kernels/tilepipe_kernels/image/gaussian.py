@@ -102,6 +102,16 @@ def fill_nodata(block: Floats, sigma: float) -> tuple[Floats, NDArray[np.bool_] 
     -------
     filled, valid
         float32 image and bool image, or the block itself and None when nothing is missing.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tilepipe_kernels.image.gaussian import fill_nodata
+    >>> block = np.full((5, 5), 80, np.float32)
+    >>> block[2, 2] = np.nan
+    >>> filled, valid = fill_nodata(block, sigma=1.0)
+    >>> round(float(filled[2, 2]), 3), bool(valid[2, 2])
+    (80.0, False)
     """
     valid = namespace(block).isfinite(block)
     # the one number that a device array is asked for: most images need no work and no memory
@@ -145,6 +155,19 @@ def gaussian_derivatives(block: NDArray[Any], sigma: float) -> tuple[Floats, Flo
     ------
     ValueError
         If the block is not a non-empty real image or sigma is not positive.
+
+    Examples
+    --------
+    A surface that rises by 3 in each column to the right and falls by 2 in each row downward.
+
+    >>> import numpy as np
+    >>> from tilepipe_kernels.image.gaussian import gaussian_derivatives
+    >>> rows, columns = np.mgrid[:21, :21]
+    >>> r_x, r_y, *second = gaussian_derivatives(100 + 3 * columns - 2 * rows, sigma=1.5)
+    >>> round(float(r_x[10, 10]), 3), round(float(r_y[10, 10]), 3)
+    (3.0, -2.0)
+    >>> bool(np.abs(second)[:, 10, 10].max() < 1e-3)  # a plane has no curvature
+    True
     """
     image = as_block(block)
     if on_device(image):
@@ -170,6 +193,16 @@ def gaussian_smooth(block: Floats, sigma: float, active: NDArray[np.uint8] | Non
     active
         Cells wanted, uint8 (strips, cells down a strip); pixels of other cells are undefined.  None: all; a
         device always makes all.
+
+    Examples
+    --------
+    The edge between a dark and a bright half becomes a ramp; far from it nothing changes.
+
+    >>> import numpy as np
+    >>> from tilepipe_kernels.image.gaussian import gaussian_smooth
+    >>> block = np.repeat(np.float32([[0, 0, 0, 0, 0, 100, 100, 100, 100, 100]]), 3, axis=0)
+    >>> gaussian_smooth(block, sigma=1.0)[1].round().astype(int).tolist()
+    [0, 0, 0, 6, 30, 70, 94, 100, 100, 100]
     """
     if on_device(block):
         smoothed: Floats = device_form(_GRIDS).smooth(block, sigma)
@@ -187,5 +220,12 @@ def gaussian_smooth(block: Floats, sigma: float, active: NDArray[np.uint8] | Non
 
 
 def halo(sigma: float) -> int:
-    """Pixels around a block on which its derivatives depend: the kernel radius."""
+    """Pixels around a block on which its derivatives depend: the kernel radius.
+
+    Examples
+    --------
+    >>> from tilepipe_kernels.image.gaussian import halo
+    >>> halo(1.6)
+    7
+    """
     return kernel_radius(sigma)

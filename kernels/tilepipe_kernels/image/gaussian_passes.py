@@ -57,6 +57,15 @@ def gaussian_taps(sigma: float) -> Taps:
     -------
     Taps
         float32 arrays of length ``kernel_radius(sigma) + 1``.
+
+    Examples
+    --------
+    >>> from tilepipe_kernels.image.gaussian_passes import gaussian_taps
+    >>> smooth, first, second = gaussian_taps(1.0)
+    >>> smooth.size  # offsets 0 to 4
+    5
+    >>> round(float(smooth[0] + 2 * smooth[1:].sum()), 6)
+    1.0
     """
     radius = kernel_radius(sigma)
     offsets = np.arange(-radius, radius + 1, dtype=np.float64)

@@ -129,6 +129,14 @@ def stretch(values: NDArray[np.float32], darkest: float, brightest: float) -> ND
     ------
     ValueError
         When ``brightest`` does not exceed ``darkest``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tilepipe_kernels.image.grey_levels import stretch
+    >>> intensity = np.array([[900, 1000, 1500, 2000, 65535]], np.float32)
+    >>> stretch(intensity, darkest=1000, brightest=2000).tolist()
+    [[0.0, 0.0, 127.5, 255.0, 255.0]]
     """
     if not brightest > darkest:
         raise ValueError(f"brightest ({brightest}) must exceed darkest ({darkest})")
@@ -159,6 +167,15 @@ def to_levels(grey: NDArray[np.float32], means: NDArray[np.float64]) -> NDArray[
     ------
     ValueError
         When the means do not ascend or there are fewer than two.
+
+    Examples
+    --------
+    Classes of mean grey 20, 60 and 200 become the levels 0, 1 and 2, although they are not equally far apart.
+
+    >>> import numpy as np
+    >>> from tilepipe_kernels.image.grey_levels import to_levels
+    >>> to_levels(np.array([[20, 40, 60, 130, 200]], np.float32), np.array([20.0, 60.0, 200.0])).tolist()
+    [[0.0, 0.5, 1.0, 1.5, 2.0]]
     """
     gaps = np.diff(means)
     if gaps.size < 1 or not (gaps > 0).all():
@@ -185,6 +202,17 @@ def store(grey: NDArray[np.float32], in_region: NDArray[np.bool_], missing: NDAr
     -------
     ndarray of uint16, shape (rows, columns)
         `NO_REGION`, with the flag, outside regions.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tilepipe_kernels.image.grey_levels import NO_REGION, store
+    >>> grey = np.array([[12.5, 200.0]], np.float32)
+    >>> packed = store(grey, in_region=np.array([[True, False]]), missing=np.array([[False, True]]))
+    >>> float(packed[0, 0] >> 1) / 128, bool(packed[0, 0] & 1)  # grey level and nodata flag
+    (12.5, False)
+    >>> bool(packed[0, 1] == NO_REGION | 1)
+    True
     """
     if on_device(grey, in_region, missing):
         return device_form(__name__).store(grey, in_region, missing)
@@ -222,6 +250,18 @@ def street_image(
     -------
     ndarray of float32, shape (rows, columns)
         Grey levels between ``dark`` and ``bright``.
+
+    Examples
+    --------
+    A street whose two pixels are darker than its class, and as grey as it; a gap that the mask bridges; a roof.
+
+    >>> import numpy as np
+    >>> from tilepipe_kernels.image.grey_levels import store, street_image
+    >>> grey, ids = np.array([[30, 60, 210, 210]], np.float32), np.array([[1, 1, 0, 0]], np.uint32)
+    >>> packed = store(grey, in_region=ids > 0, missing=np.zeros((1, 4), bool))
+    >>> mask = np.array([[True, True, True, False]])
+    >>> street_image(mask, ids, packed, dark=50, bright=200, threshold=120).tolist()
+    [[50.0, 60.0, 50.0, 200.0]]
     """
     levels = np.float32(dark), np.float32(max(dark, min(threshold, bright))), np.float32(bright)
     if on_device(mask, ids, packed):

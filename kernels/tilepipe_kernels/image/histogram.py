@@ -50,6 +50,17 @@ def histogram(block: NDArray[Any]) -> NDArray[np.int64]:
     -------
     ndarray of int64, shape (BINS,)
         Counts; the bins are ordered by value.
+
+    Examples
+    --------
+    Histograms of tiles add up to that of the raster.
+
+    >>> import numpy as np
+    >>> from tilepipe_kernels.image.histogram import bin_values, histogram
+    >>> counts = histogram(np.array([7.0, 7.0, 90.0])) + histogram(np.array([[7.0, np.nan]]))
+    >>> filled = np.flatnonzero(counts)
+    >>> bin_values(filled).tolist(), counts[filled].tolist()
+    ([7.0, 90.0], [3, 1])
     """
     if on_device(block):
         return device_form(__name__).histogram(block)
@@ -60,7 +71,15 @@ def histogram(block: NDArray[Any]) -> NDArray[np.int64]:
 
 
 def bin_values(bins: NDArray[np.integer[Any]]) -> NDArray[np.float32]:
-    """Smallest value (float32) of each bin number: exact for integers of up to ten bits."""
+    """Smallest value (float32) of each bin number: exact for integers of up to ten bits.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tilepipe_kernels.image.histogram import bin_values, histogram
+    >>> bin_values(np.flatnonzero(histogram(np.array([-2.5, 0.0, 255.0])))).tolist()
+    [-2.501952886581421, 0.0, 255.0]
+    """
     ordered = bins.astype(np.uint32) << np.uint32(_SHIFT)
     pattern = np.where(ordered & _SIGN, ordered ^ _SIGN, ordered ^ _ALL).astype(np.uint32)
     return pattern.view(np.float32)
@@ -73,6 +92,14 @@ def percentile(counts: NDArray[np.int64], percent: float) -> float:
     ------
     ValueError
         When nothing was counted, or ``percent`` is not within 0–100.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tilepipe_kernels.image.histogram import histogram, percentile
+    >>> counts = histogram(np.arange(1, 101))
+    >>> percentile(counts, 2), percentile(counts, 50), percentile(counts, 98)
+    (2.0, 50.0, 98.0)
     """
     if not 0 <= percent <= 100:
         raise ValueError(f"percent must lie in 0 .. 100, not {percent}")
@@ -100,6 +127,15 @@ def otsu_classes(counts: NDArray[np.int64]) -> tuple[int, float, float]:
     ------
     ValueError
         When fewer than two bins are filled.
+
+    Examples
+    --------
+    Two heaps of grey levels, about bin 1 and about bin 6.
+
+    >>> import numpy as np
+    >>> from tilepipe_kernels.image.histogram import otsu_classes
+    >>> otsu_classes(np.array([5, 20, 5, 0, 0, 3, 12, 3]))
+    (2, 1.0, 6.0)
     """
     if np.count_nonzero(counts) < 2:
         raise ValueError("the raster holds a single grey value")
@@ -137,6 +173,13 @@ def class_means(counts: NDArray[np.int64], classes: int) -> NDArray[np.float64]:
     ------
     ValueError
         When fewer bins are filled than classes are asked for.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tilepipe_kernels.image.histogram import class_means
+    >>> class_means(np.array([5, 20, 5, 0, 0, 3, 12, 3, 0, 0, 9]), classes=3).tolist()
+    [1.0, 6.0, 10.0]
     """
     filled = np.flatnonzero(counts)
     if not 2 <= classes <= filled.size:

@@ -17,7 +17,14 @@ from tilepipe_kernels.image.distance import mask_bytes
 
 
 def halo(radius: float) -> int:
-    """Pixels around a block that `open_mask` and `close_mask` can depend on: two discs."""
+    """Pixels around a block that `open_mask` and `close_mask` can depend on: two discs.
+
+    Examples
+    --------
+    >>> from tilepipe_kernels.image.morphology import halo
+    >>> halo(2.5)
+    6
+    """
     return 2 * _reach(radius)
 
 
@@ -45,12 +52,40 @@ def open_mask(mask: NDArray[Any], radius: float) -> NDArray[np.bool_]:
     ------
     ValueError
         For a mask that is no 2-D array of bool or integers, or a negative radius.
+
+    Examples
+    --------
+    A driveway one pixel wide goes, the street beside it stays.
+
+    >>> import numpy as np
+    >>> from tilepipe_kernels.image.morphology import open_mask
+    >>> mask = np.array([[1, 1, 1, 0, 0], [1, 1, 1, 0, 0], [1, 1, 1, 1, 1], [1, 1, 1, 0, 0]])
+    >>> open_mask(mask, radius=1).astype(int)
+    array([[1, 1, 1, 0, 0],
+           [1, 1, 1, 0, 0],
+           [1, 1, 1, 1, 0],
+           [1, 1, 1, 0, 0]])
     """
     return _dilated(_eroded(mask_bytes(mask), radius).view(np.uint8), radius)
 
 
 def close_mask(mask: NDArray[Any], radius: float) -> NDArray[np.bool_]:
-    """Fill gaps that a disc does not fit into: the opening of the background; see :func:`open_mask`."""
+    """Fill gaps that a disc does not fit into: the opening of the background; see :func:`open_mask`.
+
+    Examples
+    --------
+    A gap of one pixel across a street is bridged.
+
+    >>> import numpy as np
+    >>> from tilepipe_kernels.image.morphology import close_mask
+    >>> street = np.array([[0] * 7, [1, 1, 1, 0, 1, 1, 1], [1, 1, 1, 0, 1, 1, 1], [1, 1, 1, 0, 1, 1, 1], [0] * 7])
+    >>> close_mask(street, radius=1).astype(int)
+    array([[1, 1, 0, 0, 0, 1, 1],
+           [1, 1, 1, 0, 1, 1, 1],
+           [1, 1, 1, 1, 1, 1, 1],
+           [1, 1, 1, 0, 1, 1, 1],
+           [1, 1, 0, 0, 0, 1, 1]])
+    """
     return _eroded(_dilated(mask_bytes(mask), radius).view(np.uint8), radius)
 
 
@@ -75,6 +110,18 @@ def fill_specks(mask: NDArray[Any], size: int) -> NDArray[np.bool_]:
     ------
     ValueError
         For a mask that is no 2-D array of bool or integers, or a size below 1.
+
+    Examples
+    --------
+    A car leaves a hole of 1 × 2 pixels in a street; a size of 2 fills it, a size of 1 does not.
+
+    >>> import numpy as np
+    >>> from tilepipe_kernels.image.morphology import fill_specks
+    >>> street = np.array([[1, 1, 1, 1], [1, 0, 0, 1], [1, 1, 1, 1]])
+    >>> fill_specks(street, size=2).tolist() == [[True] * 4] * 3
+    True
+    >>> fill_specks(street, size=1).astype(int).tolist()
+    [[1, 1, 1, 1], [1, 0, 0, 1], [1, 1, 1, 1]]
     """
     if size < 1:
         raise ValueError(f"size must be 1 pixel or more, not {size}")
@@ -112,6 +159,16 @@ def open_grey(block: NDArray[Any], half_width: int) -> NDArray[np.float32]:
     ------
     ValueError
         When the block is not two-dimensional or `half_width` is negative.
+
+    Examples
+    --------
+    A house two pixels wide stands on ground that rises to the right.
+
+    >>> import numpy as np
+    >>> from tilepipe_kernels.image.morphology import open_grey
+    >>> profile = [10, 10, 18, 18, 11, 11, 11, 12, 12]
+    >>> open_grey(np.array([profile] * 3), half_width=1)[1].tolist()
+    [10.0, 10.0, 11.0, 11.0, 11.0, 11.0, 11.0, 12.0, 12.0]
     """
     xp, filters = namespace(block), image_filters(block)
     values = xp.asarray(block, xp.float32)
