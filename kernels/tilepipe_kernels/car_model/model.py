@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tilepipe_kernels.core.arrays import namespace
-from tilepipe_kernels.core.random import inlined_rule
+from tilepipe_kernels.core.compiled import inlined_rule
 from tilepipe_kernels.regions.colouring import count_components, in_order
 
 Float64 = NDArray[np.float64]

@@ -15,8 +15,8 @@ from tilepipe_kernels.car_model.chain import Variances, check_lengths, moments, 
 from tilepipe_kernels.car_model.model import Float64, Posterior, Priors
 from tilepipe_kernels.car_model.sweeps import NODE_STREAM
 from tilepipe_kernels.core.arrays import namespace, on_device
-from tilepipe_kernels.core.compiled import device_form, loop
-from tilepipe_kernels.core.random import as_seed, fill_normals, inlined_rule
+from tilepipe_kernels.core.compiled import device_form, inlined_rule, loop
+from tilepipe_kernels.core.random import as_seed, fill_normals
 from tilepipe_kernels.core.sums import sum_of_lanes
 from tilepipe_kernels.regions.growing import grow_regions
 

@@ -7,8 +7,8 @@ import math
 import numpy as np
 
 from tilepipe_kernels.car_model.model import Float32, Float64, Graph, Int64, weight_of
-from tilepipe_kernels.core.compiled import loop
-from tilepipe_kernels.core.random import fill_normals, inlined_rule
+from tilepipe_kernels.core.compiled import inlined_rule, loop
+from tilepipe_kernels.core.random import fill_normals
 from tilepipe_kernels.core.sums import BLOCK, LANES, sum_of_lanes
 from tilepipe_kernels.regions.colouring import Rows
 

@@ -10,11 +10,12 @@ import importlib
 import threading
 from collections.abc import Callable
 from functools import lru_cache
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar
 
 import numba
 
 from tilepipe_kernels.core.arrays import device_namespace, plain, simulating
+from tilepipe_kernels.core.cache import keep_grid, keep_loop
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -39,12 +40,22 @@ def device_form(module: str) -> Any:
 
 def rule(function: Function) -> Function:
     """Compile a scalar site rule: scalars in, scalars out, no arrays, no fast-math, so that every backend agrees."""
-    return cast(Function, numba.njit(cache=True, nogil=True, error_model="numpy")(function))
+    return _kept(numba.njit(nogil=True, error_model="numpy")(function))
+
+
+def inlined_rule(function: Function) -> Function:
+    """Compile a rule into the body of its callers: too long to be inlined unasked, and only then vectorised."""
+    return _kept(numba.njit(nogil=True, error_model="numpy", forceinline=True)(function))
 
 
 def loop(function: Function) -> Function:
     """Compile a serial CPU loop that releases the GIL; it must stand at module level to be found in the disk cache."""
-    return cast(Function, numba.njit(cache=True, nogil=True, error_model="numpy")(function))
+    return _kept(numba.njit(nogil=True, error_model="numpy")(function))
+
+
+def _kept(compiled: Any) -> Any:
+    keep_loop(compiled)
+    return compiled
 
 
 class Grid:
@@ -98,8 +109,10 @@ class Grid:
                 # Compiled code is kept on disk, as the loops of the CPU are.  Optimised at link time it would be
                 # compiled by the linker, which `ExactProducts` does not reach and which fuses products; `jit` hands
                 # that option on only where it gets the function in the same call.
-                options = {} if simulating() else {"cache": True, "lto": False}
+                options = {} if simulating() else {"lto": False}
                 self._kernel = cuda.jit(self.function, **options)
+                if not simulating():
+                    keep_grid(self._kernel)
             if types:
                 place = (self.function.__module__, self.function.__qualname__)
                 LAUNCHED.setdefault(place, set()).add(types)

@@ -10,14 +10,12 @@ of gamma shapes below 1 take only arithmetic and roots: they are the same bits o
 from __future__ import annotations
 
 import math
-from typing import cast
 
-import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tilepipe_kernels.core.arrays import namespace, on_device
-from tilepipe_kernels.core.compiled import Function, device_form, loop, rule
+from tilepipe_kernels.core.compiled import device_form, inlined_rule, loop, rule
 
 Words = tuple[np.uint64, np.uint64, np.uint64, np.uint64]
 
@@ -41,11 +39,6 @@ _SQRT2 = math.sqrt(2)
 
 GAMMA_STREAM = np.uint64(1 << 31)
 """First stream of `gamma`; streams below are free for other draws of the same site and sweep."""
-
-
-def inlined_rule(function: Function) -> Function:
-    """Compile a rule into the body of its callers: too long to be inlined unasked, and only then vectorised."""
-    return cast(Function, numba.njit(cache=True, nogil=True, error_model="numpy", forceinline=True)(function))
 
 
 # ------------------------------------------------------------------------------------------------- words

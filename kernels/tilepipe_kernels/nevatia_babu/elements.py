@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tilepipe_kernels.core.arrays import namespace, on_device
-from tilepipe_kernels.core.compiled import device_form, loop, rule
-from tilepipe_kernels.core.random import inlined_rule
+from tilepipe_kernels.core.compiled import device_form, inlined_rule, loop, rule
 from tilepipe_kernels.image import histogram
 from tilepipe_kernels.nevatia_babu.masks import (
     MASK_RADIUS,

@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tilepipe_kernels.core.arrays import namespace, on_device
-from tilepipe_kernels.core.compiled import device_form, loop, rule
-from tilepipe_kernels.core.random import inlined_rule
+from tilepipe_kernels.core.compiled import device_form, inlined_rule, loop, rule
 from tilepipe_kernels.network.tracing import BY_PIXEL, COLUMN_STEP, ROW_STEP
 from tilepipe_kernels.nevatia_babu.elements import NO_DIRECTION, edge_responses, similar, thin_edges
 from tilepipe_kernels.nevatia_babu.elements import halo as elements_halo

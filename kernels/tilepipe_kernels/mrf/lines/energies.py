@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tilepipe_kernels.core.arrays import on_device
-from tilepipe_kernels.core.compiled import device_form, loop, rule
-from tilepipe_kernels.core.random import inlined_rule
+from tilepipe_kernels.core.compiled import device_form, inlined_rule, loop, rule
 from tilepipe_kernels.mrf.edge_model import UNCOMMITTED, EdgeModel, element_energy, label_energy
 
 TOLERANCE = np.float32(1e-4)

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tilepipe_kernels.core.arrays import on_device
-from tilepipe_kernels.core.compiled import device_form, loop, rule
-from tilepipe_kernels.core.random import inlined_rule
+from tilepipe_kernels.core.compiled import device_form, inlined_rule, loop, rule
 from tilepipe_kernels.mrf.hcf import comes_before, site_rank
 from tilepipe_kernels.mrf.lines.energies import (  # fmt: skip
     NO_WISH,

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tilepipe_kernels.core.arrays import on_device
-from tilepipe_kernels.core.compiled import device_form, loop, rule
-from tilepipe_kernels.core.random import as_seed, inlined_rule, uniform
+from tilepipe_kernels.core.compiled import device_form, inlined_rule, loop, rule
+from tilepipe_kernels.core.random import as_seed, uniform
 from tilepipe_kernels.mrf.annealing import Annealing, boltzmann_factor
 from tilepipe_kernels.mrf.edge_model import data_energy
 from tilepipe_kernels.mrf.lines.energies import (  # fmt: skip

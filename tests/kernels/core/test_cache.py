@@ -1,0 +1,226 @@
+"""Compiled code on disk: renewed by a change of all it depends on, shared by the same sources, never in the way."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tilepipe_kernels.core import cache, sources
+
+WALKS = """
+import numpy as np
+
+from stranger.rules import raised
+from tilepipe_kernels.core.compiled import loop
+
+
+@loop
+def raise_all(values):
+    for i in range(values.size):
+        values[i] = raised(values[i])
+
+
+def result():
+    values = np.arange(3.0)
+    raise_all(values)
+    return values.tolist()
+"""
+
+RULES = """
+from tilepipe_kernels.core.compiled import rule
+
+from . import heights
+
+
+@rule
+def raised(value):
+    return value + heights.HEIGHT
+"""
+
+RUN = """
+from stranger.walks import result
+from tilepipe_kernels.core.cache import listening
+
+compiled = []
+with listening(lambda: compiled.append(1)):
+    print(result(), bool(compiled))
+"""
+
+
+def write_package(folder: Path, height: float = 1.0) -> None:
+    package = folder / "stranger"
+    package.mkdir(parents=True)
+    for name, text in {"__init__": "", "walks": WALKS, "rules": RULES, "heights": f"HEIGHT = {height}"}.items():
+        (package / f"{name}.py").write_text(text)
+
+
+def start(folder: Path, **environment: str) -> subprocess.Popen[str]:
+    """A process that calls the loop of a package."""
+    variables = {name: value for name, value in os.environ.items() if not name.startswith("NUMBA_CACHE")}
+    path = os.pathsep.join([str(folder), *sys.path])
+    return subprocess.Popen(
+        [sys.executable, "-c", RUN],
+        env={**variables, "PYTHONPATH": path, "PYTHONDONTWRITEBYTECODE": "1", **environment},
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+
+
+def run(folder: Path, **environment: str) -> str:
+    process = start(folder, **environment)
+    output, _ = process.communicate(timeout=300)
+    assert process.returncode == 0
+    return output.strip()
+
+
+@pytest.fixture
+def home(tmp_path: Path) -> dict[str, str]:
+    return {"XDG_CACHE_HOME": str(tmp_path / "home")}
+
+
+def test_what_a_loop_depends_on_in_other_files_renews_it(tmp_path: Path, home: dict[str, str]) -> None:
+    write_package(tmp_path)
+    package = tmp_path / "stranger"
+    assert run(tmp_path, **home) == "[1.0, 2.0, 3.0] True"
+    assert run(tmp_path, **home) == "[1.0, 2.0, 3.0] False"
+    before = (package / "walks.py").stat()
+    (package / "rules.py").write_text(RULES.replace("value +", "value -"))
+    assert run(tmp_path, **home) == "[-1.0, 0.0, 1.0] True"
+    (package / "heights.py").write_text("HEIGHT = 2.0")
+    assert run(tmp_path, **home) == "[-2.0, -1.0, 0.0] True"
+    assert (package / "walks.py").stat() == before
+    assert not list(tmp_path.rglob("__pycache__"))
+
+
+def test_a_copy_of_the_sources_shares_what_is_compiled(tmp_path: Path, home: dict[str, str]) -> None:
+    write_package(tmp_path / "one")
+    assert run(tmp_path / "one", **home) == "[1.0, 2.0, 3.0] True"
+    shutil.copytree(tmp_path / "one", tmp_path / "two", copy_function=shutil.copyfile)
+    assert run(tmp_path / "two", **home) == "[1.0, 2.0, 3.0] False"
+
+
+def test_without_a_folder_that_can_be_written_a_temporary_one_serves_or_none(tmp_path: Path) -> None:
+    write_package(tmp_path)
+    (tmp_path / "file").write_text("no folder can be made below a file, not even by root")
+    (tmp_path / "temporary").mkdir()
+    nowhere = str(tmp_path / "file" / "home")
+    somewhere = str(tmp_path / "temporary")
+    assert run(tmp_path, XDG_CACHE_HOME=nowhere, TMPDIR=somewhere) == "[1.0, 2.0, 3.0] True"
+    assert run(tmp_path, XDG_CACHE_HOME=nowhere, TMPDIR=somewhere) == "[1.0, 2.0, 3.0] False"
+    (folder,) = (tmp_path / "temporary").iterdir()
+    # a folder of others, or one that they can write, may hold their code
+    folder.chmod(0o777)
+    assert run(tmp_path, XDG_CACHE_HOME=nowhere, TMPDIR=somewhere) == "[1.0, 2.0, 3.0] True"
+
+
+def test_a_chosen_folder_holds_all(tmp_path: Path, home: dict[str, str]) -> None:
+    write_package(tmp_path)
+    chosen = tmp_path / "chosen"
+    assert run(tmp_path, **home, NUMBA_CACHE_DIR=str(chosen)) == "[1.0, 2.0, 3.0] True"
+    assert run(tmp_path, **home, NUMBA_CACHE_DIR=str(chosen)) == "[1.0, 2.0, 3.0] False"
+    assert list(chosen.rglob("*.nbc"))
+    assert not Path(home["XDG_CACHE_HOME"]).exists()
+
+
+def test_processes_that_start_together_and_a_damaged_file(tmp_path: Path, home: dict[str, str]) -> None:
+    write_package(tmp_path)
+    together = [start(tmp_path, **home) for _ in range(3)]
+    for process in together:
+        output, _ = process.communicate(timeout=300)
+        assert process.returncode == 0
+        assert output.startswith("[1.0, 2.0, 3.0]")
+    assert run(tmp_path, **home) == "[1.0, 2.0, 3.0] False"
+    kept = sorted(tmp_path.rglob("*.nbc"))
+    assert {file.parent.name.rpartition("-")[0] for file in kept} == {"stranger.walks", "stranger.rules"}
+    for file in kept:
+        file.write_bytes(file.read_bytes()[:100])
+    assert run(tmp_path, **home) == "[1.0, 2.0, 3.0] True"
+    assert run(tmp_path, **home) == "[1.0, 2.0, 3.0] False"
+
+
+def test_what_was_not_loaded_for_long_is_deleted(tmp_path: Path) -> None:
+    old, recent, new = tmp_path / "old-0", tmp_path / "recent-0", tmp_path / "new-0"
+    for folder, days in ((old, cache.UNUSED_DAYS + 1), (recent, cache.UNUSED_DAYS - 1)):
+        folder.mkdir()
+        (folder / "loop.nbc").write_text("code")
+        os.utime(folder, (time.time() - days * 86400,) * 2)
+    files = cache._Files(str(new), "loop", "stamp", lambda data: b"")
+    files.save("signature", None)
+    assert sorted(tmp_path.iterdir()) == [new, recent]
+
+
+@pytest.fixture
+def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    write_package(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    # as if this process had started after the package was written
+    monkeypatch.setattr(sources, "_START", time.time() + 60)
+    __import__("stranger")
+    clear()
+    yield tmp_path / "stranger"
+    for name in [name for name in sys.modules if name.partition(".")[0] == "stranger"]:
+        del sys.modules[name]
+    clear()
+
+
+def clear() -> None:
+    for function in (sources.fingerprint, sources._file_of, sources._read):
+        function.cache_clear()
+
+
+def fingerprint(package: Path) -> str | None:
+    clear()
+    return sources.fingerprint("stranger.walks", str(package / "walks.py"))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "from stranger import extra",
+        "from stranger import (  # a remark (in brackets)\n    rules,\n    extra as more,\n)",
+        "from stranger import rules, \\\n    extra",
+        "from stranger.extra import *",
+        "from . import extra",
+        "from .extra import NAME",
+        "from ..stranger.extra import NAME",
+        "import math, stranger.extra as more",
+        "if True: import stranger.extra",
+    ],
+)
+def test_imports_are_found_however_they_are_written(package: Path, text: str) -> None:
+    (package / "extra.py").write_text("ONE = 1")
+    (package / "rules.py").write_text(f"{RULES}\n{text}\n")
+    first = fingerprint(package)
+    assert first == fingerprint(package)
+    (package / "extra.py").write_text("ONE = 2")
+    assert fingerprint(package) not in (first, None)
+
+
+def test_what_is_not_imported_changes_nothing(package: Path) -> None:
+    first = fingerprint(package)
+    (package / "extra.py").write_text("from stranger.walks import raise_all")
+    assert first == fingerprint(package) is not None
+
+
+def test_names_that_a_package_makes_when_asked_may_come_from_any_of_its_files(package: Path) -> None:
+    (package / "lazy").mkdir()
+    (package / "lazy" / "__init__.py").write_text("def __getattr__(name): ...")
+    (package / "lazy" / "extra.py").write_text("ONE = 1")
+    (package / "rules.py").write_text(f"{RULES}\nfrom stranger.lazy import ONE\n")
+    first = fingerprint(package)
+    (package / "lazy" / "extra.py").write_text("ONE = 2")
+    assert fingerprint(package) not in (first, None)
+
+
+def test_sources_that_changed_after_the_start_are_not_known(package: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert fingerprint(package) is not None
+    monkeypatch.setattr(sources, "_START", time.time() - 60)
+    assert fingerprint(package) is None
+    assert sources.fingerprint("notebook", "<ipython-input-1>") is None
