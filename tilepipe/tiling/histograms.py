@@ -13,7 +13,7 @@ from tilepipe_kernels.image import histogram
 
 
 def as_facts(counted: Mapping[str, NDArray[np.int64]]) -> Facts:
-    """Named histograms (`levels.histogram`) by their filled bins alone."""
+    """Named histograms (`image.histogram.histogram`) by their filled bins alone."""
     facts: Facts = {}
     for name, counts in counted.items():
         bins = namespace(counts).flatnonzero(counts)

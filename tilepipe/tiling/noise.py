@@ -19,7 +19,7 @@ _MEDIAN_DIFFERENCE = 0.6745 * math.sqrt(2)
 
 
 def count_differences(values: NDArray[np.float32], tile: Tile) -> NDArray[np.int64]:
-    """Histogram (`levels.histogram`) of the differences of a tile's pixels to their right neighbours.
+    """Histogram (`image.histogram.histogram`) of the differences of a tile's pixels to their right neighbours.
 
     Parameters
     ----------

@@ -32,6 +32,13 @@ def split_halves(chains: ArrayLike) -> Draws:
     ------
     ValueError
         For another shape, fewer draws, or draws that are not finite.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tilepipe_kernels.car_model.convergence import split_halves
+    >>> split_halves(np.arange(9.0)).tolist()
+    [[0.0, 1.0, 2.0, 3.0], [5.0, 6.0, 7.0, 8.0]]
     """
     array: NDArray[Any] = np.atleast_2d(np.asarray(chains, dtype=np.float64))
     if array.ndim != 2 or array.shape[0] < 1 or array.shape[1] < 4:
@@ -43,7 +50,15 @@ def split_halves(chains: ArrayLike) -> Draws:
 
 
 def rank_normalise(draws: Draws) -> Draws:
-    """Normal scores of the ranks over all chains, ties sharing their mean rank (equation 14, Blom's offset 3/8)."""
+    """Normal scores of the ranks over all chains, ties sharing their mean rank (equation 14, Blom's offset 3/8).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tilepipe_kernels.car_model.convergence import rank_normalise
+    >>> rank_normalise(np.array([[3.0, 1.0, 1000.0]])).round(2).tolist()  # an outlier is no more than the last
+    [[0.0, -0.87, 0.87]]
+    """
     _, place, count = np.unique(draws, return_inverse=True, return_counts=True)
     last = np.cumsum(count)
     rank = last - (count - 1) / 2
@@ -80,6 +95,17 @@ def split_rhat(chains: ArrayLike) -> float:
     ------
     ValueError
         As `split_halves`.
+
+    Examples
+    --------
+    Two chains about 0 agree; one about 3 does not belong to them.
+
+    >>> import numpy as np
+    >>> from tilepipe_kernels.car_model.convergence import split_rhat
+    >>> from tilepipe_kernels.core.random import normals
+    >>> chains = normals(np.arange(1000).reshape(2, 500), seed=0)
+    >>> split_rhat(chains) < 1.01, split_rhat(chains + [[0.0], [3.0]]) < 1.01
+    (True, False)
     """
     halves = split_halves(chains)
     if (halves == halves[0, 0]).all():
@@ -130,6 +156,17 @@ def effective_sample_size(chains: ArrayLike) -> float:
     ------
     ValueError
         As `split_halves`.
+
+    Examples
+    --------
+    A chain of 500 draws each of which stands for ten sweeps is worth a tenth.
+
+    >>> import numpy as np
+    >>> from tilepipe_kernels.car_model.convergence import effective_sample_size
+    >>> from tilepipe_kernels.core.random import normals
+    >>> draws = normals(np.arange(500), seed=0)
+    >>> round(effective_sample_size(draws), -2), round(effective_sample_size(np.repeat(draws[:50], 10)), -1)
+    (500.0, 40.0)
     """
     halves = split_halves(chains)
     if (halves == halves[0, 0]).all():

@@ -88,6 +88,17 @@ class CarModel:
     ------
     ValueError
         For arrays that do not fit together, edges in disorder, data that are not finite, a component without data.
+
+    Examples
+    --------
+    A row of four regions of which the last has no pixels of its own.
+
+    >>> import numpy as np
+    >>> from tilepipe_kernels.car_model.model import CarModel
+    >>> edges = np.array([[0, 1], [1, 2], [2, 3]], np.int32)
+    >>> count, mean = np.array([80.0, 100.0, 90.0, 0.0]), np.array([6.0, 6.1, 12.0, 0.0])
+    >>> CarModel(edges, None, count, mean, spread=0.04 * count).components
+    1
     """
 
     edges: Int32

@@ -181,6 +181,18 @@ def sample_grid(
     ------
     ValueError
         For arguments out of their ranges, an array that is not two-dimensional and real, infinite heights or none.
+
+    Examples
+    --------
+    A plateau of 5 m with a void in it: the mean of the draws is the plateau's height, and the void stays.
+
+    >>> import numpy as np
+    >>> from tilepipe_kernels.car_model.pixel_grid import sample_grid
+    >>> heights = np.full((6, 6), 5.0)
+    >>> heights[2, 2] = np.nan
+    >>> posterior = sample_grid(heights, burn_in=50, draws=200, fixed_variance=0.01)
+    >>> posterior.mean[2].round(1).tolist()
+    [5.0, 5.0, nan, 5.0, 5.0, 5.0]
     """
     check_lengths(burn_in, draws, thinning, workers)
     xp = namespace(heights)

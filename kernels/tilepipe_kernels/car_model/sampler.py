@@ -1,4 +1,4 @@
-"""Sampler of the conditional autoregressive (CAR) model of region heights: see `car_model` for the mathematics.
+"""Sampler of the conditional autoregressive (CAR) model of region heights: see `car_model.model` for the mathematics.
 
 A model whose arrays lie on a device is sampled there, to the very bits of the host; results stay there, but for the
 traces of the variances, which the host draws.
@@ -70,6 +70,19 @@ def sample_variances(
     """Draw from the posterior of the variances: `sample` without what the draws say of heights and edges.
 
     Arguments, errors and traces are those of `sample`; it takes less time and memory.
+
+    Examples
+    --------
+    Forty regions in a row, whose heights differ by little, each of 50 pixels with noise of variance 0.04 m².
+
+    >>> import numpy as np
+    >>> from tilepipe_kernels.car_model.model import CarModel
+    >>> from tilepipe_kernels.car_model.sampler import sample_variances
+    >>> edges, count = np.stack([np.arange(39), np.arange(1, 40)], axis=1).astype(np.int32), np.full(40, 50.0)
+    >>> model = CarModel(edges, None, count, mean=np.sin(np.arange(40.0)), spread=0.04 * count)
+    >>> traces = sample_variances(model, burn_in=50, draws=200)
+    >>> round(float(traces.noise.mean()), 2)
+    0.04
     """
     check_lengths(burn_in, draws, thinning, workers)
     key = as_seed(seed)
@@ -131,6 +144,20 @@ def sample(
     ------
     ValueError
         For arguments out of their ranges, ids that do not ascend, edges that the graph has not.
+
+    Examples
+    --------
+    Two regions of one roof, 6.0 m and 6.1 m, and a tower of 12 m beside them.
+
+    >>> import numpy as np
+    >>> from tilepipe_kernels.car_model.model import CarModel
+    >>> from tilepipe_kernels.car_model.sampler import sample
+    >>> count = np.array([80.0, 100.0, 90.0])
+    >>> edges = np.array([[0, 1], [1, 2]], np.int32)
+    >>> model = CarModel(edges, None, count, mean=np.array([6.0, 6.1, 12.0]), spread=0.04 * count)
+    >>> posterior = sample(model, burn_in=50, draws=200, tolerance=0.3)
+    >>> posterior.mean.round(1).tolist(), posterior.same.round(1).tolist()
+    ([6.0, 6.1, 12.0], [1.0, 0.0])
     """
     check_lengths(burn_in, draws, thinning, workers)
     check_tolerance(tolerance)
@@ -197,6 +224,18 @@ def expect(
     ------
     ValueError
         For variances that are not positive, a negative tolerance.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tilepipe_kernels.car_model.model import CarModel
+    >>> from tilepipe_kernels.car_model.sampler import expect
+    >>> count = np.array([80.0, 100.0, 90.0])
+    >>> edges = np.array([[0, 1], [1, 2]], np.int32)
+    >>> model = CarModel(edges, None, count, mean=np.array([6.0, 6.1, 12.0]), spread=0.04 * count)
+    >>> mean, same = expect(model, smoothness=1.0, noise=0.04, tolerance=0.3)
+    >>> mean.round(2).tolist(), same.round(2).tolist()
+    ([6.0, 6.1, 12.0], [1.0, 0.0])
     """
     check_tolerance(tolerance)
     check_variances(smoothness, noise)

@@ -1,4 +1,4 @@
-"""State of a chain of the CAR sampler, and of what it keeps of edges, on the host; `device.car` has the device's."""
+"""State of a chain of the CAR sampler, and of what it keeps of edges; `car_model.device.sampler` has the device's."""
 
 from __future__ import annotations
 

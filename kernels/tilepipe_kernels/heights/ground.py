@@ -32,14 +32,28 @@ _STEP_GROWTH = 0.05
 
 
 def cell_side(resolution: float) -> int:
-    """Side of a coarse cell in pixels of `resolution` metres."""
+    """Side of a coarse cell in pixels of `resolution` metres.
+
+    Examples
+    --------
+    >>> from tilepipe_kernels.heights.ground import cell_side
+    >>> cell_side(0.5), cell_side(0.1)
+    (4, 20)
+    """
     if not (math.isfinite(resolution) and resolution > 0):
         raise ValueError(f"resolution must be a positive number of metres per pixel, not {resolution}")
     return max(1, round(CELL / resolution))
 
 
 def half_widths(resolution: float, largest_object: float) -> list[int]:
-    """Half widths in cells of the squares that open the surface: by ones first, then by an eighth more each."""
+    """Half widths in cells of the squares that open the surface: by ones first, then by an eighth more each.
+
+    Examples
+    --------
+    >>> from tilepipe_kernels.heights.ground import half_widths
+    >>> half_widths(0.5, largest_object=40)
+    [1, 2, 3, 4, 5, 6, 7, 8, 9, 10]
+    """
     if not (math.isfinite(largest_object) and largest_object > 0):
         raise ValueError(f"largest_object must be a positive number of metres, not {largest_object}")
     last = math.ceil(largest_object / (2 * cell_side(resolution) * resolution))
@@ -55,6 +69,14 @@ def halo(resolution: float, largest_object: float = 80.0) -> int:
     In cells: an opening reaches two half widths and a closing of the pits likewise; pull-push reaches less than
     three squares of its coarsest level; one more each for the fall across a cell, the interpolation to pixels and
     a cell cut by the end of the block.
+
+    Examples
+    --------
+    >>> from tilepipe_kernels.heights.ground import halo
+    >>> halo(0.5, largest_object=40)
+    204
+    >>> halo(1.0, largest_object=40)  # pixels twice as large
+    102
     """
     cells = 2 * half_widths(resolution, largest_object)[-1] + 2 * _PIT_HALF_WIDTH + 3 * 2**_LEVELS + 3
     return int(cells * cell_side(resolution))
@@ -91,12 +113,27 @@ def window_lowest(values: Floats, half_width: int) -> Floats:
 
     `values` is a float32 block without NaN, shape (rows, columns); on the host the cost does not grow with the square.
     Arrays of a device stay there.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tilepipe_kernels.heights.ground import window_lowest
+    >>> window_lowest(np.float32([[5, 9, 9, 9, 7, 8]]), half_width=1).tolist()
+    [[5.0, 5.0, 9.0, 7.0, 7.0, 7.0]]
     """
     return _steps(values).window_lowest(values, half_width)
 
 
 def window_highest(values: Floats, half_width: int) -> Floats:
-    """Maximum over the square of 2 half_width + 1 pixels; see :func:`window_lowest`."""
+    """Maximum over the square of 2 half_width + 1 pixels; see :func:`window_lowest`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tilepipe_kernels.heights.ground import window_highest
+    >>> window_highest(np.float32([[5, 9, 4, 3, 7, 8]]), half_width=1).tolist()
+    [[9.0, 9.0, 9.0, 7.0, 8.0, 8.0]]
+    """
     return -window_lowest(-values, half_width)
 
 
@@ -108,6 +145,16 @@ def allowed_loss(before: int, width: int, metres: float, slope: float, step: flo
 
     A ridge with `slope` on both sides loses slope times the difference of the half widths, a diagonal one sqrt(2)
     times as much.  Onto that comes a terrace, quay or embankment, up to `step`, the lower the narrower it is.
+
+    Examples
+    --------
+    From squares of half width 4 to those of 5 cells, each 2 m: terrain may lose more where it is steeper.
+
+    >>> from tilepipe_kernels.heights.ground import allowed_loss
+    >>> round(allowed_loss(4, 5, metres=2.0, slope=0.3, step=1.5), 2)
+    1.45
+    >>> round(allowed_loss(4, 5, metres=2.0, slope=0.6, step=1.5), 2)
+    2.3
     """
     return min(step, _LEAST_STEP + _STEP_GROWTH * metres * width) + math.sqrt(2) * slope * metres * (width - before)
 
@@ -192,6 +239,19 @@ def ground_height(
     -----
     Between two opening sizes terrain may lose :func:`allowed_loss`; that is eq. 5 of Zhang et al. (2003) with the
     openings grown in steps so small that the slope's share of it stays below the height of a roof.
+
+    Examples
+    --------
+    A house of 20 m × 20 m and 8 m in height on a slope of 5 %, in pixels of 1 m.
+
+    >>> import numpy as np
+    >>> from tilepipe_kernels.heights.ground import ground_height
+    >>> terrain = np.tile(100 + 0.05 * np.arange(120), (120, 1))
+    >>> surface = terrain.copy()
+    >>> surface[50:70, 50:70] += 8
+    >>> above = surface - ground_height(surface, resolution=1.0, largest_object=40)
+    >>> round(float(above[60, 60]), 1), round(abs(float(above[60, 20])), 1)
+    (8.0, 0.0)
     """
     array = dsm if on_device(dsm) else np.asarray(dsm)
     if array.ndim != 2 or array.dtype.kind not in "buif":

@@ -44,6 +44,12 @@ class ClassPrior:
         Between them, above -1 and below 1.
     mean_weight, spread_weight
         What share of all data the prior counts like, for the mean and for the covariance; above 0.
+
+    Examples
+    --------
+    >>> from tilepipe_kernels.heights.mixture import ClassPrior
+    >>> ClassPrior(mean=(1.0, 2.0), deviation=2.0, correlation=0.5, mean_weight=0.1, spread_weight=0.1).row
+    [1.0, 2.0, 4.0, 2.0, 4.0, 0.1, 0.1]
     """
 
     mean: tuple[float, float]
@@ -81,6 +87,15 @@ class Mixture:
         """Logarithm of how many times more likely class 0 is than class 1, shares included, for features (n, 2).
 
         Features of a device are compared there; logarithms differ in the last bits.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from tilepipe_kernels.heights.mixture import Mixture
+        >>> round_classes = np.array([[1.0, 0.0, 1.0], [1.0, 0.0, 1.0]])
+        >>> mixture = Mixture(np.array([0.5, 0.5]), np.array([[0.0, 0.0], [4.0, 0.0]]), round_classes)
+        >>> mixture.evidence(np.array([[0.0, 0.0], [2.0, 0.0], [4.0, 0.0]])).round(6).tolist()  # undecided between
+        [8.0, 0.0, -8.0]
         """
         xp = namespace(features)
         found: Floats = xp.empty(len(features))
@@ -189,6 +204,19 @@ def fit_mixture(
     ------
     ValueError
         For arrays of other shapes, features that are not finite, or negative weights.
+
+    Examples
+    --------
+    A hundred roofs about (0, 0) and three hundred trees about (5, 5), while the priors expect them a little elsewhere.
+
+    >>> import numpy as np
+    >>> from tilepipe_kernels.core.random import normals
+    >>> from tilepipe_kernels.heights.mixture import ClassPrior, fit_mixture
+    >>> features = normals(np.arange(800).reshape(400, 2), seed=0) + 5.0 * (np.arange(400)[:, None] >= 100)
+    >>> priors = [ClassPrior((m, m), deviation=1, correlation=0, mean_weight=0.01, spread_weight=0.01) for m in (1, 4)]
+    >>> mixture = fit_mixture(features, np.ones(400), (priors[0], priors[1]), share_weight=0.01)
+    >>> mixture.share.round(2).tolist(), mixture.mean.round().tolist()
+    ([0.25, 0.75], [[0.0, 0.0], [5.0, 5.0]])
     """
     xp = namespace(features, weight)
     features = xp.ascontiguousarray(features, xp.float64)

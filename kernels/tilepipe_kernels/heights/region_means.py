@@ -73,6 +73,14 @@ def mean_logarithms(labels: Labels, values: Floats, count: int) -> Floats:
     ------
     ValueError
         For shapes that differ or labels out of range.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tilepipe_kernels.heights.region_means import mean_logarithms
+    >>> labels = np.array([[1, 1, 2, 0]], np.int32)
+    >>> mean_logarithms(labels, np.array([[0.5, 2.0, 1.0, 9.0]], np.float32), count=2).tolist()  # ln ½ + ln 2 = 0
+    [0.0, 0.0]
     """
     labels, values = _checked(labels, values, count)
     # + 0 turns a negative zero, whose bits are negative, into a positive one
@@ -131,6 +139,16 @@ def mean_above(
     ------
     ValueError
         For shapes that differ or labels out of range.
+
+    Examples
+    --------
+    A roof of two pixels, 6 m and 7 m above the ground, with heights in millimetres.
+
+    >>> import numpy as np
+    >>> from tilepipe_kernels.heights.region_means import mean_above
+    >>> labels, ticks = np.array([[1, 1, 0]], np.int32), np.array([[106_000, 107_000, 100_000]], np.int32)
+    >>> mean_above(labels, ticks, np.full((1, 3), 100, np.float32), np.array([2]), ticks_per_metre=1000).tolist()
+    [6.5]
     """
     labels, ground = _checked(labels, ground, pixels.size)
     if ticks.shape != labels.shape:

@@ -118,6 +118,11 @@ def nearest_background(mask: NDArray[Any], cap: int) -> tuple[NDArray[np.int32],
         same distance the one of the lowest row, then of the lowest column.  Both 0 on the background and
         beyond the cap.
 
+    Raises
+    ------
+    ValueError
+        As `distance_squared`.
+
     Examples
     --------
     From each pixel of a street to the nearest pixel beside it: the upper row looks up, the lower row looks down.

@@ -194,6 +194,11 @@ def gaussian_smooth(block: Floats, sigma: float, active: NDArray[np.uint8] | Non
         Cells wanted, uint8 (strips, cells down a strip); pixels of other cells are undefined.  None: all; a
         device always makes all.
 
+    Returns
+    -------
+    ndarray of float32, shape (rows, columns)
+        NaN wherever the kernel reaches a NaN.
+
     Examples
     --------
     The edge between a dark and a bright half becomes a ramp; far from it nothing changes.

@@ -71,7 +71,17 @@ def histogram(block: NDArray[Any]) -> NDArray[np.int64]:
 
 
 def bin_values(bins: NDArray[np.integer[Any]]) -> NDArray[np.float32]:
-    """Smallest value (float32) of each bin number: exact for integers of up to ten bits.
+    """Smallest value of each bin: exact for integers of up to ten bits.
+
+    Parameters
+    ----------
+    bins
+        Numbers of bins of `histogram`, integers of any shape, 0 … `BINS` - 1.
+
+    Returns
+    -------
+    ndarray of float32, shape of ``bins``
+        In the unit of the values that were counted.
 
     Examples
     --------
@@ -87,6 +97,18 @@ def bin_values(bins: NDArray[np.integer[Any]]) -> NDArray[np.float32]:
 
 def percentile(counts: NDArray[np.int64], percent: float) -> float:
     """Value below or at which ``percent`` of the counted values lie (lower bin edge).
+
+    Parameters
+    ----------
+    counts
+        Counts of `histogram`, int64, shape (`BINS`,).
+    percent
+        0–100.
+
+    Returns
+    -------
+    float
+        In the unit of the values that were counted.
 
     Raises
     ------
@@ -116,11 +138,11 @@ def otsu_classes(counts: NDArray[np.int64]) -> tuple[int, float, float]:
     Parameters
     ----------
     counts
-        Counts per bin.
+        Integers, shape (bins,).
 
     Returns
     -------
-    tuple
+    tuple of int, float and float
         Last bin of the lower class, and the mean bin of the lower and of the upper class.
 
     Raises

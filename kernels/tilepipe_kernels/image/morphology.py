@@ -70,7 +70,9 @@ def open_mask(mask: NDArray[Any], radius: float) -> NDArray[np.bool_]:
 
 
 def close_mask(mask: NDArray[Any], radius: float) -> NDArray[np.bool_]:
-    """Fill gaps that a disc does not fit into: the opening of the background; see :func:`open_mask`.
+    """Fill gaps that a disc does not fit into: the opening of the background.
+
+    Parameters, result and errors are those of `open_mask`.
 
     Examples
     --------

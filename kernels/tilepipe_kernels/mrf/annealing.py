@@ -42,6 +42,12 @@ class Annealing:
     ------
     ValueError
         For no sweep, temperatures that are not hot >= cold > 0, a seed out of range.
+
+    Examples
+    --------
+    >>> from tilepipe_kernels.mrf.annealing import Annealing
+    >>> Annealing(sweeps=4, hot=8.0, cold=1.0).temperatures().round(3).tolist()
+    [8.0, 4.0, 2.0, 1.0]
     """
 
     sweeps: int = 100

@@ -63,6 +63,16 @@ class EdgeModel:
     ------
     ValueError
         For a parameter out of its range.
+
+    Examples
+    --------
+    The reciprocal potential: equal labels cost least, and beyond some difference all cost nearly the same.
+
+    >>> from tilepipe_kernels.mrf.edge_model import EdgeModel
+    >>> EdgeModel(levels=4).pairwise()[0].astype(float).round(2).tolist()
+    [-1.0, -0.5, -0.33, -0.25]
+    >>> EdgeModel(levels=4, potential="quadratic").pairwise()[0].tolist()
+    [0.0, 1.0, 4.0, 9.0]
     """
 
     levels: int = 2

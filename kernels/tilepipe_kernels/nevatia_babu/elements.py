@@ -1,7 +1,7 @@
 """Nevatia & Babu's edge elements: responses of the masks, thinned and held against a threshold.
 
-`edge_responses` convolves, `thin_edges` keeps the ridges of the magnitude; `nevatia_babu_links` finds what comes before
-and after each element, `nevatia_babu_tracing` walks from one to the next.  Nevatia and Babu, "Linear Feature Extraction
+`edge_responses` convolves, `thin_edges` keeps the ridges of the magnitude; `nevatia_babu.links` finds what comes before
+and after each element, `nevatia_babu.tracing` walks from one to the next.  Nevatia and Babu, "Linear Feature Extraction
 and Description", Computer Graphics and Image Processing 13, 1980, Section 2.
 """
 
@@ -191,6 +191,17 @@ def thin_edges(magnitude: Floats, direction: Directions, threshold: float = 0.0)
     ------
     ValueError
         If shapes or dtypes are not those of `edge_responses`, or the threshold is negative or NaN.
+
+    Examples
+    --------
+    Of the four columns that answer to a step, one holds its edge elements.
+
+    >>> import numpy as np
+    >>> from tilepipe_kernels.nevatia_babu.elements import thin_edges
+    >>> from tilepipe_kernels.nevatia_babu.masks import edge_responses
+    >>> magnitude, direction = edge_responses(np.tile(np.repeat([100, 150], 5), (9, 1)))
+    >>> thin_edges(magnitude, direction, threshold=10_000)[4].tolist()
+    [255, 255, 255, 255, 0, 255, 255, 255, 255, 255]
     """
     if magnitude.ndim != 2 or magnitude.shape != direction.shape:
         raise ValueError(f"magnitude {magnitude.shape} and direction {direction.shape} must be images of equal shape")
@@ -226,8 +237,18 @@ def count_magnitudes(magnitude: Floats, elements: Directions) -> NDArray[np.int6
     Returns
     -------
     ndarray
-        int64, shape (levels.BINS,): the bins of `levels.histogram`, the same for every raster; on the device if the
-        magnitudes lie there.
+        int64, shape (`image.histogram.BINS`,): the bins of `image.histogram.histogram`, the same for every raster; on
+        the device if the magnitudes lie there.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tilepipe_kernels.image.histogram import bin_values
+    >>> from tilepipe_kernels.nevatia_babu.elements import NO_DIRECTION, count_magnitudes
+    >>> elements = np.array([[0, 3, NO_DIRECTION]], np.uint8)
+    >>> counts = count_magnitudes(np.array([[2000, 512, 100]], np.float32), elements)
+    >>> bin_values(np.flatnonzero(counts)).tolist()
+    [512.0, 2000.0]
     """
     return histogram.histogram(magnitude[elements != NO_DIRECTION])
 
@@ -254,6 +275,17 @@ def threshold_from_histogram(counts: NDArray[np.int64], share: float | None = No
     ------
     ValueError
         If nothing was counted, or the share is not within 0 … 1.
+
+    Examples
+    --------
+    Ninety weak elements and ten strong ones, of which the strongest tenth is to be kept.
+
+    >>> import numpy as np
+    >>> from tilepipe_kernels.image.histogram import histogram
+    >>> from tilepipe_kernels.nevatia_babu.elements import threshold_from_histogram
+    >>> counts = histogram(np.repeat([100.0, 5000.0], [90, 10]))
+    >>> 100 <= threshold_from_histogram(counts, share=0.1) < 5000
+    True
     """
     if share is not None:
         if not 0 <= share <= 1:

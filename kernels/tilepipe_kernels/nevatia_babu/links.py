@@ -1,4 +1,4 @@
-"""Linking edge elements in each tile to their predecessors and successors; `nevatia_babu_tracing` walks them.
+"""Linking edge elements in each tile to their predecessors and successors; `nevatia_babu.tracing` walks them.
 
 Nevatia and Babu, "Linear Feature Extraction and Description", Computer Graphics and Image Processing 13, 1980,
 Section 2.3; directions as in `nevatia_babu`, neighbours numbered clockwise from north-west as in `tracing`.
@@ -202,6 +202,19 @@ def link_elements(
     ------
     ValueError
         If shapes or dtypes are not those of `thin_edges`, or the core is not a window of block and raster.
+
+    Examples
+    --------
+    The elements of a vertical edge, each with its neighbours before and after it.
+
+    >>> import numpy as np
+    >>> from tilepipe_kernels.nevatia_babu.elements import thin_edges
+    >>> from tilepipe_kernels.nevatia_babu.links import NO_LINK, link_elements
+    >>> from tilepipe_kernels.nevatia_babu.masks import edge_responses
+    >>> magnitude, direction = edge_responses(np.tile(np.repeat([100, 150], 5), (10, 1)))
+    >>> found = link_elements(magnitude, thin_edges(magnitude, direction))
+    >>> (found.pixel // found.width).tolist(), (found.links != NO_LINK).sum(axis=1).tolist()
+    ([2, 3, 4, 5, 6, 7], [1, 2, 2, 2, 2, 1])
     """
     if elements.ndim != 2 or magnitude.shape != elements.shape:
         raise ValueError(f"magnitude {magnitude.shape} and elements {elements.shape} must be images of equal shape")
@@ -247,6 +260,15 @@ def find_elements(
         Of the magnitude, for `thin_edges`.
     core, origin, width
         As for `link_elements`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tilepipe_kernels.nevatia_babu.links import find_elements
+    >>> image = np.tile(np.repeat([100, 150], 5), (10, 1))
+    >>> elements = find_elements(image, threshold=10_000)
+    >>> elements.pixel.tolist(), elements.magnitude[0].item()
+    ([24, 34, 44, 54, 64, 74], 50000.0)
     """
     magnitude, direction = edge_responses(block)
     return link_elements(magnitude, thin_edges(magnitude, direction, threshold), core, origin, width)
@@ -259,6 +281,18 @@ def join_elements(tables: Iterable[EdgeElements]) -> EdgeElements:
     ------
     ValueError
         If there is no table, tables disagree about the raster's width, or a pixel stands in two of them.
+
+    Examples
+    --------
+    The upper and the lower half of an image give the table of the whole.
+
+    >>> import numpy as np
+    >>> from tilepipe_kernels.nevatia_babu.links import find_elements, halo, join_elements
+    >>> image, reach = np.tile(np.repeat([100, 150], 6), (24, 1)), halo()
+    >>> upper = find_elements(image[: 12 + reach], 10_000, core=(0, 12, 0, 12))
+    >>> lower = find_elements(image[12 - reach :], 10_000, core=(reach, reach + 12, 0, 12), origin=(12 - reach, 0))
+    >>> bool((join_elements([lower, upper]).pixel == find_elements(image, 10_000).pixel).all())
+    True
     """
     parts = list(tables)
     if not parts:

@@ -195,6 +195,19 @@ def trace_segments(elements: EdgeElements) -> BoundarySegments:
     ------
     ValueError
         If a link leads to a pixel that holds no element.
+
+    Examples
+    --------
+    The two sides of a bright stripe are two segments, each with the stripe on its left: one runs down, the other up.
+
+    >>> import numpy as np
+    >>> from tilepipe_kernels.nevatia_babu.links import find_elements
+    >>> from tilepipe_kernels.nevatia_babu.tracing import trace_segments
+    >>> elements = find_elements(np.tile(np.repeat([50, 200, 50], 8), (12, 1)), threshold=20_000)
+    >>> segments = trace_segments(elements)
+    >>> ends = segments.vertices(elements)[[0, segments.offsets[1] - 1, segments.offsets[1], -1]]
+    >>> ends.tolist()  # (row, column) of the first and the last element of each
+    [[2, 7], [9, 7], [9, 15], [2, 15]]
     """
     n = len(elements)
     index_type = np.int32 if n < 2**31 else np.int64
@@ -228,5 +241,15 @@ def straight_lines(
         int64, shape (n + 1,): polyline i has ``vertices[offsets[i]:offsets[i + 1]]``.
     vertices
         int32, shape (m, 2): pixel (row, column) of elements.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tilepipe_kernels.nevatia_babu.links import find_elements
+    >>> from tilepipe_kernels.nevatia_babu.tracing import straight_lines, trace_segments
+    >>> elements = find_elements(np.tile(np.repeat([100, 150], 5), (20, 1)), threshold=10_000)
+    >>> offsets, vertices = straight_lines(elements, trace_segments(elements), tolerance=1.0)
+    >>> vertices.tolist()  # of sixteen elements the first and the last
+    [[2, 4], [17, 4]]
     """
     return fit_lines(segments.offsets, segments.vertices(elements), tolerance)

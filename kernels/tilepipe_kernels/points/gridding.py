@@ -30,7 +30,14 @@ _MAX, _MIN, _MEAN = 0, 1, 2
 
 
 def halo(method: Method, reach: float = 0.0, radius: float = 0.0) -> int:
-    """Cells that a tile needs on each side, for a void reach and an IDW radius given in cells."""
+    """Cells that a tile needs on each side, for a void reach and an IDW radius given in cells.
+
+    Examples
+    --------
+    >>> from tilepipe_kernels.points.gridding import halo
+    >>> halo("max"), halo("max", reach=3.0), halo("idw", radius=2.5)
+    (0, 3, 3)
+    """
     if method == "nearest":
         return max(1, math.floor(reach + 0.5))
     return math.floor(reach) + (math.floor(radius + 0.5) if method == "idw" else 0)
@@ -133,6 +140,17 @@ def grid_points(
     ValueError
         For an unknown method, points that are not `POINT` records or that lie outside the padded tile, a
         negative or not finite reach, or an IDW radius that is not positive.
+
+    Examples
+    --------
+    Two points in the first of three cells, one in the second, none in the third.
+
+    >>> import numpy as np
+    >>> from tilepipe_kernels.points.gridding import grid_points
+    >>> from tilepipe_kernels.points.point_tiles import POINT
+    >>> points = np.array([(0, 0, 9, 9, 50), (0, 0, 99, 99, 70), (0, 1, 9, 9, 10)], POINT)
+    >>> grid_points(points, (1, 3), method="max").tolist(), grid_points(points, (1, 3), method="mean").tolist()
+    ([[70.0, 10.0, nan]], [[60.0, 10.0, nan]])
     """
     if method not in METHODS:
         raise ValueError(f"unknown gridding method {method!r}; choose one of {', '.join(METHODS)}")

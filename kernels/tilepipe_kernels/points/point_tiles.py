@@ -52,6 +52,15 @@ def subcells(raw: NDArray[Any], scale: float, offset: float, cell: float) -> NDA
     ndarray of int64, shape (points,)
         The cell is this shifted right by 16 bits; a point on the edge of two cells lies in the eastern or
         southern one.
+
+    Examples
+    --------
+    LAS coordinates in centimetres, cells of half a metre: the points lie in cells 0, 1 and 2.
+
+    >>> import numpy as np
+    >>> from tilepipe_kernels.points.point_tiles import subcells
+    >>> (subcells(np.array([20, 50, 149]), scale=0.01, offset=0.0, cell=0.5) >> 16).tolist()
+    [0, 1, 2]
     """
     raw = np.ascontiguousarray(raw, np.int32)
     result = np.empty(raw.size, np.int64)
@@ -151,6 +160,18 @@ def sort_by_tile(
     ------
     ValueError
         If the side is not a power of two, or a padded tile is wider than 32,768 cells.
+
+    Examples
+    --------
+    Two tiles of 8 × 8 cells; the point in column 9 lies in the second, within two cells of the first.
+
+    >>> import numpy as np
+    >>> from tilepipe_kernels.points.point_tiles import SUBCELLS, sort_by_tile
+    >>> rows, columns = np.array([0, 0]) * SUBCELLS, np.array([3, 9]) * SUBCELLS
+    >>> values = np.array([50, 70], np.int32)
+    >>> points, starts = sort_by_tile(rows, columns, values, origin=(0, 0), tiles=(1, 2), side=8, margin=2)
+    >>> starts.tolist(), points["value"].tolist()
+    ([0, 2, 3], [50, 70, 70])
     """
     if side < 1 or side & (side - 1):
         raise ValueError(f"the side of a tile must be a power of two, not {side}")

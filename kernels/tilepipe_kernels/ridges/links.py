@@ -87,6 +87,18 @@ def neighbour_table(points: LinePoints) -> NDArray[np.int32]:
     -------
     ndarray
         int32, shape (points, 8); on the device where the points lie on one.
+
+    Examples
+    --------
+    Three points in a row: the middle one has the first and the last as neighbours.
+
+    >>> import numpy as np
+    >>> from tilepipe_kernels.ridges.links import neighbour_table
+    >>> from tilepipe_kernels.ridges.points import line_points
+    >>> image = np.full((9, 3), 200.0)
+    >>> image[4] = 100
+    >>> [sorted(each[each >= 0].tolist()) for each in neighbour_table(line_points(image, sigma=1.2, low=5.0))]
+    [[1], [0, 2], [1]]
     """
     if on_device(points.row):
         found: NDArray[np.int32] = device_form(__name__).neighbour_table(points)
@@ -290,6 +302,18 @@ def link_points(points: LinePoints) -> NDArray[np.uint8]:
         uint8 per point: bit k is set when the point is linked to its neighbour in direction k of
         `NEIGHBOUR_OFFSETS`.  Symmetric; 0 for isolated and for suppressed points.  On the device where the
         points lie on one, and the same there.
+
+    Examples
+    --------
+    The points of a street are linked to one another along it: each of two neighbours, the first and the last of one.
+
+    >>> import numpy as np
+    >>> from tilepipe_kernels.ridges.links import link_points
+    >>> from tilepipe_kernels.ridges.points import line_points
+    >>> image = np.full((17, 6), 200.0)
+    >>> image[8] = 100
+    >>> [int(links).bit_count() for links in link_points(line_points(image, sigma=1.2, low=5.0))]
+    [1, 2, 2, 2, 2, 1]
     """
     if len(points) == 0:
         none: NDArray[np.uint8] = namespace(points.row).zeros(0, np.uint8)

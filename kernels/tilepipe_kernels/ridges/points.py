@@ -194,6 +194,18 @@ def line_points(
     ------
     ValueError
         If the block is no image, sigma or low not positive, or the mask of another shape.
+
+    Examples
+    --------
+    A dark line one pixel wide in row 8 of a bright image: a point in each of its columns.
+
+    >>> import numpy as np
+    >>> from tilepipe_kernels.ridges.points import line_points
+    >>> image = np.full((17, 20), 200.0)
+    >>> image[8] = 100
+    >>> points = line_points(image, sigma=1.2, low=5.0)
+    >>> np.unique(points.row).tolist(), points.row.size, float(abs(points.dy).max()) < 1e-3
+    ([8], 20, True)
     """
     if not low > 0:
         raise ValueError(f"low is {low}: give a positive threshold in grey per pixel²")
@@ -234,5 +246,12 @@ def _as_mask(mask: NDArray[Any] | None, image: Floats) -> NDArray[np.uint8]:
 
 
 def halo(sigma: float) -> int:
-    """Pixels around a block on which its points depend: kernel radius, twice for the filling of nodata."""
+    """Pixels around a block on which its points depend: kernel radius, twice for the filling of nodata.
+
+    Examples
+    --------
+    >>> from tilepipe_kernels.ridges.points import halo
+    >>> halo(3.5)
+    28
+    """
     return 2 * kernel_radius(sigma)

@@ -49,6 +49,12 @@ def halo(sigma: float, maximum_width: float | None = None) -> int:
         Gaussian scale in pixels.
     maximum_width
         As for `line_widths`, in pixels; None when widths are not wanted.
+
+    Examples
+    --------
+    >>> from tilepipe_kernels.ridges.ridges import halo
+    >>> halo(3.5), halo(3.5, maximum_width=20)  # widths are looked for farther away
+    (35, 48)
     """
     linked = _points.halo(sigma) + LINK_RADIUS
     return linked if maximum_width is None else max(linked, width.halo(sigma, maximum_width))

@@ -1,4 +1,4 @@
-"""The checkerboard sampler of `car_grid` on the device: a thread for every lane of a row."""
+"""The checkerboard sampler of `car_model.pixel_grid` on the device: a thread for every lane of a row."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The sampler of `car` on the device: a thread for every lane of a block of rows, and for every node or edge."""
+"""The sampler of `car_model` on the device: a thread for every lane of a block of rows, every node or edge."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def _update(
 
 
 class Gibbs:
-    """State of one chain on the device, as `car` keeps it on the host; all arrays stand in the order of the rows."""
+    """State of one chain on the device, as `car_model.states` has it on the host; arrays in the order of the rows."""
 
     def __init__(self, model: CarModel, start: Any, sites: Any, seed: np.uint64) -> None:
         graph, self.seed = model.graph, seed
@@ -139,7 +139,7 @@ def _add_counts(count: int, edges: Any, tolerance: float, x: Any, same: Any) -> 
 
 
 class Edges:
-    """Probabilities that the two sides of each edge have the same height, as `car` finds them on the host."""
+    """Probabilities that the two sides of each edge have the same height, as `car_model.states` finds them."""
 
     def __init__(self, model: CarModel, tolerance: float) -> None:
         self.graph, self.tolerance = model.graph, float(tolerance)

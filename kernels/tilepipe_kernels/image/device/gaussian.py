@@ -268,7 +268,7 @@ def derivatives(image: Any, sigma: float) -> Any:
 
 
 def smooth(image: Any, sigma: float) -> Any:
-    """`gaussian_derivatives.gaussian_smooth` of a whole float32 device array."""
+    """`image.gaussian.gaussian_smooth` of a whole float32 device array."""
     xp, (rows, columns) = namespace(image), image.shape
     taps = device_taps(image, sigma)[0]
     sums, smoothed = xp.empty((rows + 2 * kernel_radius(sigma)) * columns, xp.float32), xp.empty(image.size, xp.float32)
@@ -278,7 +278,7 @@ def smooth(image: Any, sigma: float) -> Any:
 
 
 def fill(image: Any, sigma: float) -> Any:
-    """`gaussian_derivatives.fill_nodata` of a float32 device array: what is missing filled."""
+    """`image.gaussian.fill_nodata` of a float32 device array: what is missing filled."""
     xp, columns = namespace(image), image.shape[1]
     taps = device_taps(image, sigma)[0].astype(xp.float64)
     flat, filled = image.reshape(-1), xp.empty(image.size, xp.float32)

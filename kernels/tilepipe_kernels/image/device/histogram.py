@@ -18,7 +18,7 @@ def _count(count: int, bits: Any, values: Any, counts: Any) -> None:
 
 
 def histogram(block: Any) -> Any:
-    """See `levels.histogram`."""
+    """See `image.histogram.histogram`."""
     xp = namespace(block)
     values = xp.ascontiguousarray(block, dtype=xp.float32).reshape(-1)
     counts = xp.zeros(BINS, xp.int64)

@@ -1,8 +1,8 @@
-"""Rounds of parallel HCF over whole rows, for up to four labels and one table, no weights (see `label_hcf`).
+"""Rounds of parallel HCF over whole rows, for up to four labels and one table, no weights (see `mrf.labels.hcf`).
 
 At first nearly every site wants to change, and a pass over rows that vectorises beats a list.  Costs and energies lie
-in one plane for each label; energies are summed in the order of `label_stability.stability`, so that both give the same
-bits.  The loops are over few arrays each, or LLVM would not vectorise them.
+in one plane for each label; energies are summed in the order of `mrf.labels.stability.stability`, so that both give the
+same bits.  The loops are over few arrays each, or LLVM would not vectorise them.
 """
 
 from __future__ import annotations

@@ -6,9 +6,9 @@ Reweighted message passing (Wainwright, Jaakkola & Willsky 2005; as min-sum in K
 
 each site takes the label that minimises U + ρ Σ M.  The grid is the mean of two forests, its rows and its columns:
 every site is in both, every pair in one, so trees weigh ρ = 1/2.  Messages that begin with those of coarser grids
-(`label_scales`) take ρ = 19/32, which forgets less of them on the way; ρ = 1 would be belief propagation.  The sites of
-one colour of the checkerboard send at a time: a message then never waits for another of its own round, and n rounds
-carry no farther than n pixels.
+(`mrf.labels.scales`) take ρ = 19/32, which forgets less of them on the way; ρ = 1 would be belief propagation.  The
+sites of one colour of the checkerboard send at a time: a message then never waits for another of its own round, and n
+rounds carry no farther than n pixels.
 
 Arrays hold ρ M, the two colours of each row apart, one plane for each label, so that loops run over adjacent floats.
 """
@@ -272,7 +272,7 @@ def message_labels(problem: Labelling, rounds: int, scales: int = 0) -> Field:
         Rounds on each grid: in each, the sites of one colour send to their four neighbours.
     scales
         Coarser grids whose messages those of the next finer one begin with.  A label depends on the costs within
-        ``label_scales.reach(rounds, scales)`` pixels.
+        ``mrf.labels.scales.reach(rounds, scales)`` pixels.
 
     Returns
     -------

@@ -67,6 +67,16 @@ def halo(
     ------
     ValueError
         For the serial form, in which a site may depend on any other.
+
+    Examples
+    --------
+    >>> from tilepipe_kernels.mrf.labels.minimise import halo
+    >>> halo(rounds=10), halo(rounds=10, method="icm")
+    (21, 21)
+    >>> halo(rounds=10, method="serial")
+    Traceback (most recent call last):
+        ...
+    ValueError: serial HCF has no halo: it needs the whole raster in one block
     """
     if method == "serial":
         raise ValueError("serial HCF has no halo: it needs the whole raster in one block")
@@ -277,6 +287,17 @@ def intensity_field(
     ValueError
         For arrays that do not fit together, an unknown method, a number of rounds below 1; for the serial form of
         an array of a device.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tilepipe_kernels.mrf.edge_model import EdgeModel
+    >>> from tilepipe_kernels.mrf.labels.minimise import intensity_field
+    >>> grey = np.array([[0.1, 0.0, 0.9, 1.1], [0.0, 0.6, 1.0, 0.9], [0.1, 0.0, 1.0, np.nan]])
+    >>> intensity_field(grey, EdgeModel(levels=2)).labels
+    array([[  0,   0,   1,   1],
+           [  0,   1,   1,   1],
+           [  0,   0,   1, 255]], dtype=uint8)
     """
     y = checked_observed(observed)
     if bool(namespace(y).isinf(y).any()):

@@ -198,6 +198,18 @@ def labelling(
     ValueError
         For shapes that do not fit together, costs that are infinite, a table that is not symmetric, a table that
         is not there, a weight that is negative or not finite.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tilepipe_kernels.mrf.labels.problem import labelling
+    >>> problem = labelling(np.zeros((2, 3, 4)), 1 - np.eye(4))
+    >>> problem.unary.shape, problem.exists.sum().item()  # framed: 4 × 5 sites, of which 2 × 3 are pixels
+    ((20, 4), 6)
+    >>> labelling(np.zeros((2, 3, 4)), np.triu(np.ones((4, 4))))
+    Traceback (most recent call last):
+        ...
+    ValueError: pairwise must be finite and symmetric
     """
     costs: NDArray[Any] = as_array(unary)
     if costs.ndim != 3 or not 2 <= costs.shape[2] <= MAXIMUM_LABELS or costs.dtype.kind not in "buif":

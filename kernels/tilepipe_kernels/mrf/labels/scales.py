@@ -24,6 +24,12 @@ def reach(rounds: int, scales: int) -> int:
     """Pixels that messages go: `rounds` on the pixels, and as many on each of `scales` coarser grids.
 
     A block stands for all its pixels, whence what is added to the rounds.
+
+    Examples
+    --------
+    >>> from tilepipe_kernels.mrf.labels.scales import reach
+    >>> reach(rounds=8, scales=0), reach(rounds=8, scales=3)
+    (8, 127)
     """
     return rounds * (2 ** (scales + 1) - 1) + 2**scales - 1
 
@@ -117,8 +123,8 @@ def hand_down(
 ) -> None:
     """Begin the messages with half of those of the blocks.
 
-    Messages are (rows, 4, 2, K, n): what a site hears from above, left, right and below, parted as in `label_messages`;
-    a site of column j stands at colour (j + shift) % 2, place (j + shift) // 2.
+    Messages are (rows, 4, 2, K, n): what a site hears from above, left, right and below, parted as in
+    `mrf.labels.messages`; a site of column j stands at colour (j + shift) % 2, place (j + shift) // 2.
     """
     form = device_form(__name__).hand_down if on_device(messages) else _hand_down
     form(problem, messages, shift, coarse, from_messages, from_shift)

@@ -1,4 +1,4 @@
-"""Line elements given labels, and labels and elements at once, by minimising the energy of edge_model.py (`edges`).
+"""Line elements given labels, and labels and elements at once, by minimising the energy of `mrf.edge_model` (`edges`).
 
 All optimisers change one site at a time as far as the energy can tell: sites that change at once share no term.
 
@@ -104,6 +104,15 @@ def halo(
     ------
     ValueError
         For the serial form, in which a site may depend on any other.
+
+    Examples
+    --------
+    >>> from tilepipe_kernels.mrf.edge_model import EdgeModel
+    >>> from tilepipe_kernels.mrf.lines.minimise import halo
+    >>> halo(EdgeModel(), rounds=8)
+    33
+    >>> halo(EdgeModel(), rounds=8, integrated=True)
+    33
     """
     near = neighbourhoods(model, integrated=integrated)
     if method == "serial":
@@ -265,7 +274,7 @@ def line_field(
     model
         Weights of the energy.
     method
-        Optimiser, see the module.
+        ``parallel`` or ``serial`` Highest Confidence First, ``icm`` or ``annealing``.
     rounds
         Cap on the rounds of `parallel` and the sweeps of `icm`; sites that still want to change are reported as
         unresolved, and those of them that are not committed become 0 (labels the nearest to the data).
@@ -286,6 +295,19 @@ def line_field(
     ------
     ValueError
         For labels that are not a two-dimensional array of 0..K - 1 or 255, an unknown method, fewer than 1 round.
+
+    Examples
+    --------
+    The crack between columns 1 and 2, where labels change by 3, becomes an edge from top to bottom.
+
+    >>> import numpy as np
+    >>> from tilepipe_kernels.mrf.edge_model import EdgeModel
+    >>> from tilepipe_kernels.mrf.lines.minimise import line_field
+    >>> labels = np.array([[0, 0, 3, 3], [0, 0, 3, 3], [0, 0, 3, 3]], np.uint8)
+    >>> line_field(labels, EdgeModel(levels=4)).vertical
+    array([[0, 1, 0, 0],
+           [0, 1, 0, 0],
+           [0, 1, 0, 0]], dtype=uint8)
     """
     shape = as_array(labels).shape
     if len(shape) != 2:
@@ -329,6 +351,18 @@ def coupled_fields(
     ------
     ValueError
         For an array that is not two-dimensional and real, an unknown method, fewer than 1 round.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tilepipe_kernels.mrf.edge_model import EdgeModel
+    >>> from tilepipe_kernels.mrf.lines.minimise import coupled_fields
+    >>> grey = np.array([[0.1, 0.0, 2.9, 3.1], [0.0, 0.3, 3.0, 2.9], [0.1, 0.0, 3.0, 3.2]])
+    >>> fields = coupled_fields(grey, EdgeModel(levels=4))
+    >>> fields.labels.tolist()
+    [[0, 0, 3, 3], [0, 0, 3, 3], [0, 0, 3, 3]]
+    >>> fields.vertical.tolist()
+    [[0, 1, 0, 0], [0, 1, 0, 0], [0, 1, 0, 0]]
     """
     y = checked_observed(observed)
     x = (

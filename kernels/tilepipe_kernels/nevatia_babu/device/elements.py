@@ -58,7 +58,7 @@ def _keep_winners(count: int, lines: Any, magnitude: Any, direction: Any, thresh
 
 
 def thin(magnitude: Any, direction: Any, threshold: np.float32) -> Any:
-    """Edge elements of device arrays, as of `nevatia_babu.thin_edges`."""
+    """Edge elements of device arrays, as of `nevatia_babu.elements.thin_edges`."""
     xp = namespace(magnitude, direction)
     lines, elements = xp.empty(magnitude.shape, xp.uint8), xp.empty(magnitude.shape, xp.uint8)
     _find_winners(magnitude.size, magnitude, direction, lines)

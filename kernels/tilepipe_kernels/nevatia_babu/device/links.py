@@ -1,4 +1,4 @@
-"""`nevatia_babu_links` on the device: a thread for every edge element of the core."""
+"""`nevatia_babu.links` on the device: a thread for every edge element of the core."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def _link(
 def link(
     elements: Any, magnitude: Any, core: tuple[int, int, int, int], base: int, width: int
 ) -> tuple[Any, Any, Any, Any]:
-    """Pixels, directions, magnitudes and links of the elements of a core, as of `nevatia_babu_links.link_elements`."""
+    """Pixels, directions, magnitudes and links of the elements of a core, as of `nevatia_babu.links.link_elements`."""
     xp = namespace(elements, magnitude)
     top, bottom, left, right = core
     # how many there are is the one number that comes to the host: the table has their size

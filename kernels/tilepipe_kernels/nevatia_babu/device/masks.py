@@ -1,4 +1,4 @@
-"""`nevatia_babu_masks` on the device: a thread for every pixel, whose neighbours the caches hold."""
+"""`nevatia_babu.masks` on the device: a thread for every pixel, whose neighbours the caches hold."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def _respond(count: int, image: Any, magnitude: Any, direction: Any) -> None:
 
 
 def respond(image: Any) -> tuple[Any, Any]:
-    """Magnitude and direction of a float32 device array, as of `nevatia_babu_masks.edge_responses`."""
+    """Magnitude and direction of a float32 device array, as of `nevatia_babu.masks.edge_responses`."""
     xp = namespace(image)
     magnitude, direction = xp.empty(image.shape, xp.float32), xp.empty(image.shape, xp.uint8)
     _respond(image.size, image, magnitude, direction)

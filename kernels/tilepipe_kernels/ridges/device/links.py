@@ -1,6 +1,6 @@
-"""`line_links` on the device: every point decides by itself, a launch for each round of decisions.
+"""`ridges.links` on the device: every point decides by itself, a launch for each round of decisions.
 
-What a rule returns is wrapped in `np.float32` where it is kept, see `device.diffusion`.
+What a rule returns is wrapped in `np.float32` where it is kept, see `image.device.diffusion`.
 """
 
 from __future__ import annotations
@@ -168,7 +168,7 @@ def _without_small_loops(
 
 
 def neighbour_table(points: LinePoints) -> Any:
-    """`line_links.neighbour_table` of points on the device."""
+    """`ridges.links.neighbour_table` of points on the device."""
     xp, count = namespace(points.row), len(points)
     # one number a pixel that grows in row-major order and leaves a gap between rows
     row_key = 1 << 32
@@ -179,7 +179,7 @@ def neighbour_table(points: LinePoints) -> Any:
 
 
 def link_points(points: LinePoints) -> Any:
-    """`line_links.link_points` of points on the device."""
+    """`ridges.links.link_points` of points on the device."""
     xp, count = namespace(points.row), len(points)
     table = neighbour_table(points)
     geometry = xp.stack([points.dx, points.dy, points.nx, points.ny])

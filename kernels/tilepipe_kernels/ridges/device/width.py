@@ -105,7 +105,7 @@ def _bars(count: int, profiles: Any, first: int, sigma: float, sign: float, valu
 def measure(
     image: Floats, points: LinePoints, sigma: float, sign: float, reach: int
 ) -> tuple[Any, Any, Any, Any, Any]:  # fmt: skip
-    """Columns of `line_width.Widths` for points on the device, in a filled float32 image beside them."""
+    """Columns of `ridges.width.Widths` for points on the device, in a filled float32 image beside them."""
     xp, count, length = namespace(image, points.row), len(points), 2 * (reach + BEYOND) + 1
     values, valid = xp.empty((4, count), xp.float32), xp.empty(count, xp.bool_)
     smooth = gaussian.smooth(image, sigma)

@@ -1,4 +1,4 @@
-"""`label_hcf` on the device: in a round, all sites look at their wishes and those that come first change.
+"""`mrf.labels.hcf` on the device: in a round, all sites look at their wishes and those that come first change.
 
 What a round changes depends on the labels before it alone, so that rounds without a list of the sites that want to
 change give what those with one do; rounds after the last that changes anything change nothing.
@@ -46,7 +46,7 @@ def _change_first(
 
 
 def parallel_rounds(problem: Labelling, labels: Any, cap: int) -> tuple[int, Any]:
-    """See `label_hcf.parallel_rounds`."""
+    """See `mrf.labels.hcf.parallel_rounds`."""
     xp = namespace(labels)
     stabilities, best = xp.empty(labels.size, xp.float32), xp.zeros(labels.size, xp.uint8)
     last, costs = xp.zeros(1, xp.int64), costs_of(problem)

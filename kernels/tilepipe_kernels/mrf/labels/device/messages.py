@@ -1,4 +1,4 @@
-"""`label_messages` on the device: a thread for every site that sends."""
+"""`mrf.labels.messages` on the device: a thread for every site that sends."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def _send_many(
 
 
 def exchange(messages: Any, parted: tuple[Any, ...], tables: Any, rounds: int, row: int, rho: np.float32) -> None:
-    """Pass messages for some rounds, as `label_messages` does; tables are those of the problem."""
+    """Pass messages for some rounds, as `mrf.labels.messages` does; tables are those of the problem."""
     unary, down, right, *weights = parted
     one = namespace(messages).ones((1, 1, 1), np.float32)
     w_down, w_right = (weight if weight.size else one for weight in weights)

@@ -1,4 +1,4 @@
-"""`label_scales` on the device: a thread for every block sums its sites, one for every site takes from its block."""
+"""`mrf.labels.scales` on the device: a thread for every block sums its sites, for every site takes from its block."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def _sum_blocks(
 
 
 def sum_blocks(fine: Labelling, unary: Any, exists: Any, stride: int, row: int, column: int) -> None:
-    """See `label_scales.coarser`."""
+    """See `mrf.labels.scales.coarser`."""
     costs = namespace(exists).ascontiguousarray(fine.unary.T)
     place = fine.stride, fine.row, fine.column
     _sum_blocks(exists.size, costs, fine.exists, *place, unary.T, exists, stride, row, column)
@@ -58,7 +58,7 @@ def _sum_pairs(
 def sum_pairs(
     fine: Labelling, kinds: Any, weights: Any, step: int, kind: Any, weight: Any, stride: int, row: int, column: int
 ) -> None:
-    """See `label_scales.coarser`; `kind` and `weight` are none and 0 at first."""
+    """See `mrf.labels.scales.coarser`; `kind` and `weight` are none and 0 at first."""
     weights = namespace(kinds).ones(1, np.float32) if weights is None else weights
     place = fine.stride, fine.row, fine.column
     none = len(fine.tables) - 1
@@ -87,7 +87,7 @@ def _hand_down(
 def hand_down(
     problem: Labelling, messages: Any, shift: int, coarse: Labelling, from_messages: Any, from_shift: int
 ) -> None:
-    """See `label_scales.hand_down`."""
+    """See `mrf.labels.scales.hand_down`."""
     _hand_down(
         problem.exists.size, messages, from_messages, problem.down, problem.right, len(problem.tables) - 1,
         problem.stride, shift, problem.row, problem.column, coarse.row, coarse.column, from_shift,

@@ -48,7 +48,7 @@ def stability(
     unary: Any, tables: Any, down: Any, right: Any, down_weight: Any, right_weight: Any, labels: Any, stride: int,
     p: int,
 ) -> tuple[np.float32, np.uint8]:  # fmt: skip
-    """See `label_stability.stability`."""
+    """See `mrf.labels.stability.stability`."""
     own = labels[p]
     choice = UNDECIDED
     for label in range(unary.shape[1]):
@@ -76,7 +76,7 @@ def find_stabilities(problem: Labelling, costs: Arrays, labels: Any, stabilities
 
 
 def wanting_sites(problem: Labelling, labels: Any) -> Any:
-    """See `label_stability.wanting_sites`; labels are committed."""
+    """See `mrf.labels.stability.wanting_sites`; labels are committed."""
     xp = namespace(labels)
     stabilities, best = xp.empty(labels.size, xp.float32), xp.zeros(labels.size, xp.uint8)
     find_stabilities(problem, costs_of(problem), labels, stabilities, best)
@@ -94,5 +94,5 @@ def _take_cheapest(count: int, unary: Any, exists: Any, labels: Any) -> None:
 
 
 def take_cheapest(problem: Labelling, labels: Any) -> None:
-    """See `label_stability.cheapest_labels`."""
+    """See `mrf.labels.stability.cheapest_labels`."""
     _take_cheapest(labels.size, problem.unary, problem.exists, labels)

@@ -1,4 +1,4 @@
-"""`label_sweeps` on the device: a thread for every site of one colour."""
+"""`mrf.labels.sweeps` on the device: a thread for every site of one colour."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def _update_colour(
 
 
 def iterated_modes(problem: Labelling, labels: Any, cap: int) -> int:
-    """See `label_sweeps.iterated_modes`; sweeps after the last that changes anything change nothing."""
+    """See `mrf.labels.sweeps.iterated_modes`; sweeps after the last that changes anything change nothing."""
     last, costs = namespace(labels).zeros(1, np.int64), costs_of(problem)
     count, across = _sites_of_colour(problem)
     frame = problem.stride, problem.row, problem.column

@@ -1,4 +1,4 @@
-"""`line_energies` on the device: a thread for every site."""
+"""`mrf.lines.energies` on the device: a thread for every site."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def _look(
 
 
 def look(block: Block, weights: Weights, marked: Marks, stabilities: Any, choices: Any) -> None:
-    """Find stabilities and choices of the marked sites, as `line_energies.find_stabilities`, and unmark them."""
+    """Find stabilities and choices of the marked sites, as `mrf.lines.energies.find_stabilities`, and unmark them."""
     _look(
         marked.size, marked, block.state, block.observed, block.tables, block.frame, weights, stabilities, choices
     )  # fmt: skip
@@ -64,7 +64,7 @@ def first_look(block: Block, weights: Weights, committed: bool) -> tuple[Marks, 
 
 
 def wanting_marks(block: Block, weights: Weights) -> Marks:
-    """See `line_energies.wanting_marks`."""
+    """See `mrf.lines.energies.wanting_marks`."""
     _, stabilities, _ = first_look(block, weights, committed=True)
     wanting: Marks = stabilities < NO_WISH
     return wanting

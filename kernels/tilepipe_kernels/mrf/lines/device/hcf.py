@@ -1,4 +1,4 @@
-"""`line_hcf` on the device: in each round a thread for every site, first to change and mark, then to look.
+"""`mrf.lines.hcf` on the device: in each round a thread for every site, first to change and mark, then to look.
 
 A site that is not marked, because nothing near it has changed, keeps its stability as on the host.
 """
@@ -54,7 +54,7 @@ def _change_least(
 
 
 def parallel_hcf(block: Block, weights: Weights, rounds: int) -> tuple[int, Marks]:
-    """See `line_hcf.parallel_hcf`."""
+    """See `mrf.lines.hcf.parallel_hcf`."""
     xp = namespace(block.state)
     size = block.state.size
     _rank(size, block.exists, block.frame, block.ranks)

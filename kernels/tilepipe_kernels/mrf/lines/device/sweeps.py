@@ -1,4 +1,4 @@
-"""`line_sweeps` on the device: a thread for every site of a class."""
+"""`mrf.lines.sweeps` on the device: a thread for every site of a class."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def _elements_alone(count: int, exists: Any, frame: Frame, alpha: np.float32, st
 
 
 def commit_alone(block: Block, weights: Weights) -> None:
-    """See `line_sweeps.commit_alone`."""
+    """See `mrf.lines.sweeps.commit_alone`."""
     _labels_alone(block.observed.size, block.observed, block.exists, weights, block.state)
     _elements_alone(2 * block.frame.plane, block.exists, block.frame, weights.alpha, block.state)
 
@@ -98,7 +98,7 @@ def _icm_class(
 
 
 def icm_sweeps(block: Block, weights: Weights, classes: list[Class], rounds: int) -> int:
-    """See `line_sweeps.icm_sweeps`."""
+    """See `mrf.lines.sweeps.icm_sweeps`."""
     last = namespace(block.state).zeros(1, np.int64)
     for turn in range(1, rounds + 1):
         for each in classes:
