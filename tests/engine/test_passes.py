@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import threading
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,12 +12,15 @@ import numpy as np
 import pytest
 
 from tilepipe.engine.executors import open_executor
+from tilepipe.engine.options import RunOptions
 from tilepipe.engine.passes import Pass, run_pass
 from tilepipe.engine.progress import Silent
+from tilepipe.engine.run import open_run
 from tilepipe.engine.state import StateArray, write_state
 from tilepipe.errors import InputError, TileError
 from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import Tile, TileGrid
+from tilepipe_kernels.core.cache import tell_compiling
 
 GRID = TileGrid((23, 31), (10, 9))
 
@@ -102,6 +106,24 @@ def test_a_dying_worker_process_fails_its_tiles_and_no_more():
         outcomes = list(executor.run(die, [1, 2, 3, 4]))
     assert sorted(item for item, _, _ in outcomes) == [1, 2, 3, 4]
     assert all(error is not None for _, _, error in outcomes)
+
+
+def compile_something(_: int) -> None:
+    tell_compiling()
+
+
+@pytest.mark.parametrize(("kind", "workers"), [("threads", 1), ("threads", 2), ("processes", 2)])
+def test_what_workers_compile_is_told_to_the_progress_of_the_run(tmp_path, kind, workers):
+    heard = threading.Event()
+
+    class Progress(Silent):
+        def compiling(self) -> None:
+            heard.set()
+
+    options = RunOptions(executor=kind, workers=workers)
+    with open_run(tmp_path / "run", {}, {}, options, Progress()) as run:
+        assert [error for _, _, error in run.executor.run(compile_something, [1])] == [None]
+        assert heard.wait(10)
 
 
 def test_distributed_cluster(context, tmp_path):

@@ -13,12 +13,16 @@ if TYPE_CHECKING:
     from rich.progress import TaskID
 
 
+COMPILING = "compiling kernels for this machine: once, for about half a minute"
+
+
 class ProgressBars:
     """Shows each stage as a bar."""
 
     def __init__(self, bars: Bars) -> None:
         self.bars = bars
         self.tasks: dict[str, TaskID] = {}
+        self.told_of_compiling = False
 
     def start(self, name: str, total: int, done: int = 0) -> None:
         """See `tilepipe.engine.progress.Progress.start`."""
@@ -35,6 +39,12 @@ class ProgressBars:
         if stage not in self.tasks:
             self.start(stage, total)
         self.bars.update(self.tasks[stage], completed=done, total=total)
+
+    def compiling(self) -> None:
+        """See `tilepipe.engine.progress.Progress.compiling`; one line above the bars for all kernels."""
+        if not self.told_of_compiling:
+            self.told_of_compiling = True
+            self.bars.console.print(COMPILING, highlight=False, soft_wrap=True)
 
 
 @contextmanager
@@ -53,6 +63,8 @@ def progress_bars(quiet: bool) -> Iterator[Progress]:
     )
     from rich.progress import Progress as Bars
 
+    from tilepipe_kernels.core.cache import listening
+
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -62,7 +74,8 @@ def progress_bars(quiet: bool) -> Iterator[Progress]:
     )
     shown = ProgressBars(Bars(*columns, console=Console(stderr=True)))
     try:
-        yield shown
+        with listening(shown.compiling):
+            yield shown
     finally:
         # bars that were never started would leave an empty line before an error
         if shown.tasks:

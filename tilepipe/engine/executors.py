@@ -8,12 +8,15 @@ from __future__ import annotations
 
 import concurrent.futures
 import multiprocessing
+import threading
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from multiprocessing.connection import Connection
 from typing import Any, Protocol, TypeVar
 
 from tilepipe.engine.allocator import keep_freed_memory
 from tilepipe.errors import InputError
+from tilepipe_kernels.core.cache import listen, tell_compiling
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -130,13 +133,37 @@ def open_executor(kind: str, workers: int) -> Iterator[Executor]:
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
     elif kind == "processes":
-        context = multiprocessing.get_context("spawn")
-        with concurrent.futures.ProcessPoolExecutor(workers, context, keep_freed_memory) as processes:
-            yield PoolExecutor(processes, workers)
+        yield from _open_processes(workers)
     elif "://" in kind:
         yield from _open_cluster(kind)
     else:
         raise InputError(f"executor '{kind}' is unknown: use threads, processes or the address tcp://host:port")
+
+
+def _open_processes(workers: int) -> Iterator[Executor]:
+    context = multiprocessing.get_context("spawn")
+    receiver, sender = context.Pipe(duplex=False)
+    threading.Thread(target=_pass_on, args=(receiver,), daemon=True).start()
+    # closed here and in all workers, the pipe ends the thread
+    with sender, concurrent.futures.ProcessPoolExecutor(workers, context, _start_worker, (sender,)) as processes:
+        yield PoolExecutor(processes, workers)
+
+
+def _start_worker(compiling: Connection) -> None:
+    def tell() -> None:
+        with suppress(OSError):
+            compiling.send_bytes(b"compiling")
+
+    keep_freed_memory()
+    listen(tell)
+
+
+def _pass_on(compiling: Connection) -> None:
+    """Tell here what workers compile."""
+    with compiling, suppress(EOFError):
+        while True:
+            compiling.recv_bytes()
+            tell_compiling()
 
 
 def _open_cluster(address: str) -> Iterator[Executor]:

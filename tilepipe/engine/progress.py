@@ -20,6 +20,10 @@ class Progress(Protocol):
         """Work that counts by itself has finished ``done`` of ``total``."""
         ...
 
+    def compiling(self) -> None:
+        """A kernel is compiled for this machine, as each is once; told again for every one."""
+        ...
+
 
 class Silent:
     """Progress that tells nothing."""
@@ -32,3 +36,6 @@ class Silent:
 
     def __call__(self, stage: str, done: int, total: int) -> None:
         """See `Progress.__call__`."""
+
+    def compiling(self) -> None:
+        """See `Progress.compiling`."""

@@ -24,6 +24,7 @@ from tilepipe.engine.passes import Pass, run_pass
 from tilepipe.engine.progress import Progress
 from tilepipe.errors import InputError
 from tilepipe.io.record import RECORD, TIMINGS, read_record
+from tilepipe_kernels.core.cache import listening
 
 STATE = ".state"
 IDENTITY = "identity.toml"
@@ -142,7 +143,11 @@ def open_run(folder: Path, record: Record, identity: Record, options: RunOptions
             _lock(lock, folder)
             began = _begin(folder, record, identity, options.overwrite)
             try:
-                with _small_cache(), open_executor(options.executor, options.workers) as executor:
+                with (
+                    listening(progress.compiling),
+                    _small_cache(),
+                    open_executor(options.executor, options.workers) as executor,
+                ):
                     yield Run(folder, options, executor, progress)
             except InputError:
                 if began and _passes_with_facts(state) <= 1:

@@ -44,14 +44,25 @@ _DAY = 86400.0
 _listeners: list[Callable[[], None]] = []
 
 
+def listen(listener: Callable[[], None]) -> None:
+    """Call `listener`, from now on, whenever something is to be compiled that is not on disk."""
+    _listeners.append(listener)
+
+
 @contextmanager
 def listening(listener: Callable[[], None]) -> Iterator[None]:
-    """Call `listener`, for the length of a block, whenever this process compiles what it does not find on disk."""
-    _listeners.append(listener)
+    """`listen` for the length of a block."""
+    listen(listener)
     try:
         yield
     finally:
         _listeners.remove(listener)
+
+
+def tell_compiling() -> None:
+    """Tell all who listen that something is compiled: here, or in a process that works for this one."""
+    for listener in tuple(_listeners):
+        listener()
 
 
 def keep_loop(loop: Any) -> None:
@@ -121,8 +132,7 @@ def _kept_by_sources(kind: Any) -> Any:
         def load_overload(self, signature: Any, target: Any) -> Any:
             found = super().load_overload(signature, target)
             if found is None:
-                for listener in _listeners:
-                    listener()
+                tell_compiling()
             return found
 
     return KeptBySources

@@ -145,6 +145,14 @@ def test_processes_that_start_together_and_a_damaged_file(tmp_path: Path, home: 
     assert run(tmp_path, **home) == "[1.0, 2.0, 3.0] False"
 
 
+def test_who_listens_hears_of_it_for_as_long_as_wanted() -> None:
+    heard = []
+    with cache.listening(lambda: heard.append("one")), cache.listening(lambda: heard.append("two")):
+        cache.tell_compiling()
+    cache.tell_compiling()
+    assert heard == ["one", "two"]
+
+
 def test_what_was_not_loaded_for_long_is_deleted(tmp_path: Path) -> None:
     old, recent, new = tmp_path / "old-0", tmp_path / "recent-0", tmp_path / "new-0"
     for folder, days in ((old, cache.UNUSED_DAYS + 1), (recent, cache.UNUSED_DAYS - 1)):
