@@ -4,7 +4,16 @@ from __future__ import annotations
 
 
 class InputError(ValueError):
-    """Something the user gave cannot be used; the message says what is wrong and what to do (exit code 2)."""
+    """Something the user gave cannot be used; the message says what is wrong and what to do (exit code 2).
+
+    Examples
+    --------
+    >>> import tilepipe
+    >>> tilepipe.open_raster(["missing.tif"])
+    Traceback (most recent call last):
+        ...
+    tilepipe.errors.InputError: missing.tif: no such file; check the path
+    """
 
 
 class TileError(RuntimeError):

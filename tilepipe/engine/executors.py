@@ -34,7 +34,19 @@ class Executor(Protocol):
 
 
 class SerialExecutor:
-    """Runs in the caller's thread, one item after the other: for one worker and for debugging."""
+    """Runs in the caller's thread, one item after the other: for one worker and for debugging.
+
+    Examples
+    --------
+    A failure is an outcome like any other: the other items are finished.
+
+    >>> from tilepipe.engine.executors import SerialExecutor
+    >>> for item, result, error in SerialExecutor().run(lambda tile: 12 // tile, [3, 0, 4]):
+    ...     print(item, result, type(error).__name__)
+    3 4 NoneType
+    0 None ZeroDivisionError
+    4 3 NoneType
+    """
 
     workers = 1
 
@@ -123,6 +135,13 @@ def open_executor(kind: str, workers: int) -> Iterator[Executor]:
     ------
     InputError
         When ``kind`` is none of these or the scheduler cannot be reached.
+
+    Examples
+    --------
+    >>> from tilepipe.engine.executors import open_executor
+    >>> with open_executor("threads", workers=2) as executor:
+    ...     sorted(result for _, result, _ in executor.run(abs, [-1, -2, -3]))
+    [1, 2, 3]
     """
     if kind == "threads" and workers == 1:
         yield SerialExecutor()

@@ -26,7 +26,16 @@ _SUFFIX = ".facts"
 
 
 def checksum(array: NDArray[Any]) -> int:
-    """CRC-32 of an array's values, shape and type."""
+    """CRC-32 of an array's values, shape and type.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tilepipe.engine.ledger import checksum
+    >>> zeros = np.zeros((2, 3), np.uint8)
+    >>> checksum(zeros) == checksum(zeros.copy()), checksum(zeros) == checksum(zeros.T)  # the shape counts
+    (True, False)
+    """
     header = f"{array.dtype.str}{array.shape}".encode()
     return zlib.crc32(np.ascontiguousarray(array).reshape(-1).view(np.uint8).data, zlib.crc32(header))
 
@@ -44,7 +53,22 @@ def write_whole(path: Path, data: bytes) -> None:
 
 
 def pack(arrays: Mapping[str, NDArray[Any]]) -> bytes:
-    """Named arrays as bytes: CRC-32 of the rest, length of the header, header (JSON), the arrays end to end."""
+    """Named arrays as bytes: CRC-32 of the rest, length of the header, header (JSON), the arrays end to end.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> import numpy as np
+    >>> from tilepipe.engine.ledger import pack, read_packed
+    >>> data = pack({"top": np.array([1, 2]), "count": np.array([3])})
+    >>> _ = Path("whole.facts").write_bytes(data), Path("cut.facts").write_bytes(data[:-1])
+    >>> {name: values.tolist() for name, values in read_packed(Path("whole.facts")).items()}
+    {'top': [1, 2], 'count': [3]}
+    >>> read_packed(Path("cut.facts"))
+    Traceback (most recent call last):
+        ...
+    ValueError: damaged or incomplete file
+    """
     flat = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
     header = json.dumps([[name, array.dtype.str, array.shape] for name, array in flat.items()]).encode()
     body = b"".join([len(header).to_bytes(4, "little"), header, *(array.tobytes() for array in flat.values())])
@@ -98,7 +122,18 @@ def read_packed(path: Path, prefix: str = "") -> Facts:
 
 @dataclass(frozen=True)
 class Ledger:
-    """The facts of one pass, one file a tile, in ``folder``."""
+    """The facts of one pass, one file a tile, in ``folder``.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> import numpy as np
+    >>> from tilepipe.engine.ledger import Ledger
+    >>> ledger = Ledger(Path("regions"))
+    >>> ledger.record("r0c0", {"count": np.array([7])})
+    >>> ledger.done(), ledger.facts("r0c0")["count"].item()
+    ({'r0c0'}, 7)
+    """
 
     folder: Path
 

@@ -20,6 +20,12 @@ def parse_memory(text: str) -> int:
     ------
     InputError
         When the text is no size.
+
+    Examples
+    --------
+    >>> from tilepipe.engine.options import parse_memory
+    >>> parse_memory("8GiB"), parse_memory("500 MB")
+    (8589934592, 524288000)
     """
     match = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*([KMGT]?)(?:i?B)?\s*", text, re.IGNORECASE)
     if not match:
@@ -28,7 +34,14 @@ def parse_memory(text: str) -> int:
 
 
 def format_memory(size: float) -> str:
-    """A number of bytes for people: ``1.4 GiB``."""
+    """A number of bytes for people: ``1.4 GiB``.
+
+    Examples
+    --------
+    >>> from tilepipe.engine.options import format_memory
+    >>> format_memory(1_500_000_000), format_memory(640)
+    ('1.4 GiB', '640 B')
+    """
     for unit in ("B", "KiB", "MiB"):
         if size < 1024:
             return f"{size:.0f} {unit}"
@@ -65,6 +78,13 @@ class RunOptions:
         Format of the tables: ``parquet``, ``gpkg``, ``fgb`` or ``geojson``.
     overwrite
         Replace a finished run.
+
+    Examples
+    --------
+    >>> import tilepipe
+    >>> options = tilepipe.RunOptions(tile=1024, workers=4, backend="numpy", memory=4 << 30)
+    >>> options.resolved_backend(), options.uses_cluster
+    ('numpy', False)
     """
 
     tile: int = 2048

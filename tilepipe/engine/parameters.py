@@ -27,6 +27,17 @@ def checked_parameters(kind: type[Parameters], values: Mapping[str, Any]) -> Par
     ------
     InputError
         When a name is unknown or a value is out of its range; names the parameter and says what to do.
+
+    Examples
+    --------
+    >>> import tilepipe
+    >>> from tilepipe.engine.parameters import checked_parameters
+    >>> checked_parameters(tilepipe.StreetParameters, {"line_width": "7.5"}).line_width
+    7.5
+    >>> checked_parameters(tilepipe.StreetParameters, {"sigma": 2.5})
+    Traceback (most recent call last):
+        ...
+    tilepipe.errors.InputError: parameter 'sigma' is unknown; did you mean 'line_sigma'?
     """
     try:
         return kind(**values)

@@ -130,7 +130,14 @@ class Plan:
 
 
 def counted(number: int, thing: str) -> str:
-    """A number of things in words: 1 tile, 2 tiles."""
+    """A number of things in words: 1 tile, 2 tiles.
+
+    Examples
+    --------
+    >>> from tilepipe.engine.planning import counted
+    >>> counted(1, "tile"), counted(12, "tile")
+    ('1 tile', '12 tiles')
+    """
     return f"{number} {thing}{'' if number == 1 else 's'}"
 
 

@@ -28,7 +28,20 @@ _CHECKSUM = "checksum:"
 
 @dataclass(frozen=True)
 class StateArray:
-    """A raster of intermediate results in a Zarr array on ``grid``; each tile writes its core and no other chunk."""
+    """A raster of intermediate results in a Zarr array on ``grid``; each tile writes its core and no other chunk.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> import numpy as np
+    >>> from tilepipe.engine.state import StateArray
+    >>> from tilepipe.tiling.grid import TileGrid, Window
+    >>> ids = StateArray(Path("ids"), TileGrid((4, 6), (4, 3)), "uint32")
+    >>> ids.create()
+    >>> _ = ids.write(ids.grid.tile(1), np.full((4, 3), 7, np.uint32))
+    >>> ids.read(Window(0, 0, 1, 6)).tolist()
+    [[0, 0, 0, 7, 7, 7]]
+    """
 
     path: Path
     grid: TileGrid

@@ -40,6 +40,17 @@ def written_aside(final: str | os.PathLike[str]) -> Iterator[Path]:
     ------
     InputError
         The folder is missing or unwritable, or the disk is full; the message names the file and the remedy.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tilepipe.io.atomic import written_aside
+    >>> with written_aside("notes.txt") as path:
+    ...     _ = path.write_text("whole")
+    ...     Path("notes.txt").exists()
+    False
+    >>> Path("notes.txt").read_text()
+    'whole'
     """
     final = Path(final)
     folder = final.parent / f".{final.name}.partial"

@@ -95,6 +95,13 @@ def metres_per_unit(crs: CRS) -> float:
     ------
     InputError
         If the CRS is not projected (degrees are no lengths).
+
+    Examples
+    --------
+    >>> from pyproj import CRS
+    >>> from tilepipe.io.clouds import metres_per_unit
+    >>> metres_per_unit(CRS("EPSG:32633")), round(metres_per_unit(CRS("EPSG:2263")), 6)  # metres, US survey feet
+    (1.0, 0.304801)
     """
     if not crs.is_projected:
         raise InputError(
@@ -134,6 +141,15 @@ def find_clouds(paths: Sequence[str | Path]) -> list[Path]:
     ------
     InputError
         Naming the folder that holds none.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tilepipe.io.clouds import find_clouds
+    >>> for name in ("b.laz", "a.las", "notes.txt"):
+    ...     Path(name).touch()
+    >>> [path.name for path in find_clouds(["."])]
+    ['a.las', 'b.laz']
     """
     found: set[Path] = set()
     for path in map(Path, paths):
@@ -154,6 +170,17 @@ def read_cloud(path: str | Path) -> Cloud:
     ------
     InputError
         Naming the file, if it is missing, not a point cloud, without points, or has a header without sense.
+
+    Examples
+    --------
+    >>> import laspy
+    >>> import numpy as np
+    >>> from tilepipe.io.clouds import read_cloud
+    >>> cloud = laspy.create()
+    >>> cloud.x, cloud.y, cloud.z = np.array([[10.0, 12.5], [20.0, 21.0], [3.0, 4.0]])
+    >>> cloud.write("cloud.las")
+    >>> read_cloud("cloud.las").points
+    2
     """
     path = Path(path)
     if not path.is_file():

@@ -44,6 +44,22 @@ def write_cog(
         Value that means nodata.
     threads
         Threads that compress; by default all cores.
+
+    Examples
+    --------
+    A raster of heights that is computed window by window: each row is one metre higher than the one above.
+
+    >>> from pathlib import Path
+    >>> import numpy as np
+    >>> from tilepipe.io.cog import write_cog
+    >>> from tilepipe.io.georeference import Geometry
+    >>> from tilepipe.io.raster import open_raster
+    >>> geometry = Geometry("EPSG:32633", 392000, 5820000, pixel=0.5, shape=(600, 600), metres=1, height_metres=1)
+    >>> def heights(window):
+    ...     return np.broadcast_to(np.arange(window.top, window.bottom, dtype=np.float32)[:, None], window.shape)
+    >>> write_cog(Path("heights.tif"), heights, "float32", geometry, nodata=float("nan"))
+    >>> open_raster(["heights.tif"]).geometry.resolution
+    0.5
     """
     import rasterio
     from rasterio.transform import Affine
@@ -106,6 +122,16 @@ def cog_from_tiled(
     ------
     InputError
         The destination cannot be written or the disk is full.
+
+    Examples
+    --------
+    >>> import rasterio
+    >>> from tilepipe.io.cog import cog_from_tiled
+    >>> from tilepipe.synthetic import City, write_city
+    >>> written = write_city(".", City(rows=512, columns=512), layers=["streets"], truth=False)
+    >>> with rasterio.open(cog_from_tiled(written["streets"], "cog.tif")) as cog:
+    ...     cog.shape, cog.block_shapes, cog.crs.to_epsg()
+    ((512, 512), [(512, 512)], 32633)
     """
     import rasterio
     import rasterio.shutil

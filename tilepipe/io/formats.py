@@ -64,6 +64,18 @@ def write_table(
     ------
     InputError
         The file cannot be written, the format is unknown, or GeoJSON is asked for without a CRS.
+
+    Examples
+    --------
+    Two streets with their lengths, as a GeoPackage.
+
+    >>> import geopandas
+    >>> import shapely
+    >>> from tilepipe.io.formats import write_table
+    >>> streets = shapely.linestrings([[[0, 0], [30, 40]], [[0, 0], [60, 80]]])
+    >>> path = write_table("streets.gpkg", {"length": [50.0, 100.0]}, streets, "EPSG:32633", "gpkg")
+    >>> geopandas.read_file(path).length.tolist()
+    [50.0, 100.0]
     """
     path = Path(path)
     _check_format(format, crs)
@@ -108,6 +120,16 @@ def convert(
     ------
     InputError
         The source is missing or no GeoParquet, or the destination cannot be written.
+
+    Examples
+    --------
+    >>> import json
+    >>> import shapely
+    >>> from tilepipe.io.formats import convert, write_table
+    >>> path = write_table("trees.parquet", {"height": [12.5]}, shapely.points([[392000, 5820000]]), "EPSG:32633")
+    >>> feature = json.loads(convert(path, "geojson").read_text())["features"][0]
+    >>> feature["properties"], [round(degrees, 3) for degrees in feature["geometry"]["coordinates"]]
+    ({'height': 12.5}, [13.408, 52.519])
     """
     source = Path(parquet_path)
     if format not in DRIVER:

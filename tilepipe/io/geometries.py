@@ -66,7 +66,34 @@ def _without_collector() -> Iterator[None]:
 
 
 def lines_from_ragged(coordinates: NDArray[np.float64], offsets: NDArray[np.integer]) -> NDArray[np.object_]:
-    """Shapely LineStrings of `coordinates` (vertices, 2) float64 split at `offsets` (lines + 1,)."""
+    """Shapely LineStrings of the vertices of many lines.
+
+    Parameters
+    ----------
+    coordinates
+        float64, shape (vertices, 2): x and y of all lines, end to end, finite.
+    offsets
+        Integers, shape (lines + 1,): line ``k`` has the vertices ``coordinates[offsets[k]:offsets[k + 1]]``, two at
+        least.
+
+    Returns
+    -------
+    ndarray of object, shape (lines,)
+        LineStrings.
+
+    Raises
+    ------
+    ValueError
+        For shapes that do not fit, a line of fewer than two vertices, coordinates that are not finite.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tilepipe.io.geometries import lines_from_ragged
+    >>> vertices = np.array([[0.0, 0.0], [3.0, 4.0], [0.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
+    >>> [line.length for line in lines_from_ragged(vertices, np.array([0, 2, 5]))]
+    [5.0, 2.0]
+    """
     import shapely
 
     coordinates, offsets = checked_lines(coordinates, offsets)
@@ -79,7 +106,7 @@ def lines_from_ragged(coordinates: NDArray[np.float64], offsets: NDArray[np.inte
 def checked_lines(
     coordinates: NDArray[np.float64], offsets: NDArray[np.integer]
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Coordinates and offsets of lines that can be written."""
+    """Coordinates as contiguous float64 and offsets as int64; errors are those of `lines_from_ragged`."""
     coordinates = np.ascontiguousarray(coordinates, dtype=np.float64)
     starts: NDArray[np.int64] = np.asarray(offsets, dtype=np.int64)
     if coordinates.ndim != 2 or coordinates.shape[1] != 2:

@@ -59,6 +59,17 @@ class ParquetWriter:
     Notes
     -----
     NaN in a float column means "no value" and is written as null.
+
+    Examples
+    --------
+    >>> import geopandas
+    >>> import shapely
+    >>> from tilepipe.io.geoparquet import ParquetWriter
+    >>> with ParquetWriter("trees.parquet", {"height": "float32"}, "EPSG:32633", geometry_type="Point") as writer:
+    ...     writer.append({"height": [12.5]}, shapely.points([[392000, 5820000]]))
+    ...     writer.append({"height": [float("nan")]}, shapely.points([[392010, 5820000]]))
+    >>> geopandas.read_parquet("trees.parquet")["height"].isna().tolist()
+    [False, True]
     """
 
     def __init__(
@@ -206,6 +217,16 @@ class ParquetLineWriter:
     """Stream a table of lines, given as coordinates and offsets, into a GeoParquet 1.1 file.
 
     Parameters and behaviour are those of `ParquetWriter`, with LineString as the geometry type.
+
+    Examples
+    --------
+    >>> import geopandas
+    >>> import numpy as np
+    >>> from tilepipe.io.geoparquet import ParquetLineWriter
+    >>> with ParquetLineWriter("streets.parquet", {"width": "float32"}, "EPSG:32633") as writer:
+    ...     writer.append({"width": [12.0]}, np.array([[0.0, 0.0], [30.0, 40.0]]), np.array([0, 2]))
+    >>> geopandas.read_parquet("streets.parquet").length.tolist()
+    [50.0]
     """
 
     def __init__(self, path: str | os.PathLike[str], column_types: Mapping[str, Any], crs: Any) -> None:

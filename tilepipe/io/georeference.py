@@ -36,6 +36,17 @@ class Geometry:
     ``left``, ``top`` are the coordinates of the upper left corner and ``pixel`` is the pixel size, in CRS units;
     ``metres`` is the length of one CRS unit in metres, and ``height_metres`` that of one unit of heights, should the
     values be heights.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tilepipe.io.georeference import Geometry
+    >>> foot = 0.3048
+    >>> geometry = Geometry("EPSG:2222", 600000, 900000, 1.5, (2000, 3000), metres=foot, height_metres=foot)
+    >>> round(geometry.resolution, 4)  # metres, of 1.5 feet
+    0.4572
+    >>> geometry.coordinates(np.array([[0, 0], [2000, 3000]])).tolist()  # upper left and lower right corner
+    [[600000.0, 900000.0], [604500.0, 897000.0]]
     """
 
     crs: str
@@ -93,6 +104,16 @@ def check_geometry(
     ------
     InputError
         See `open_raster`.
+
+    Examples
+    --------
+    >>> from tilepipe.io.georeference import check_geometry
+    >>> check_geometry("a.tif", "EPSG:32633", (0.5, 0, 392000, 0, -0.5, 5820000), (100, 100), None).shape
+    (100, 100)
+    >>> check_geometry("b.tif", "EPSG:4326", (0.1, 0, 13, 0, -0.1, 52), (100, 100), None)
+    Traceback (most recent call last):
+        ...
+    tilepipe.errors.InputError: b.tif: is in degrees (WGS 84); reproject it to a projected CRS first...
     """
     a, b, c, d, e, f = transform[:6]
     if crs is None and override is None:
@@ -135,7 +156,16 @@ def _understood(crs: object, name: str) -> CRS:
 
 
 def split_crs(crs: CRS) -> tuple[CRS, Axis | None]:
-    """Horizontal part of a CRS, and its vertical axis (None without one)."""
+    """Horizontal part of a CRS, and its vertical axis (None without one).
+
+    Examples
+    --------
+    >>> from pyproj import CRS
+    >>> from tilepipe.io.georeference import split_crs
+    >>> horizontal, vertical = split_crs(CRS("EPSG:7415"))  # Amersfoort / RD New + NAP height
+    >>> horizontal.to_epsg(), vertical.unit_name
+    (28992, 'metre')
+    """
     if crs.is_bound and crs.source_crs is not None:
         return split_crs(crs.source_crs)
     if crs.is_compound:
@@ -147,7 +177,14 @@ def split_crs(crs: CRS) -> tuple[CRS, Axis | None]:
 
 
 def utm_zone(longitude: float, latitude: float) -> str:
-    """EPSG code of the UTM zone of a place in degrees."""
+    """EPSG code of the UTM zone of a place in degrees.
+
+    Examples
+    --------
+    >>> from tilepipe.io.georeference import utm_zone
+    >>> utm_zone(13.4, 52.5), utm_zone(-43.2, -22.9)  # Berlin, Rio de Janeiro
+    ('EPSG:32633', 'EPSG:32723')
+    """
     zone = int((longitude + 180) // 6) % 60 + 1
     return f"EPSG:{327 if latitude < 0 else 326}{zone:02d}"
 
@@ -169,10 +206,24 @@ def check_named_crs(name: str, named: CRS, given: CRS) -> None:
 
 
 def unit_metres(unit: str | None) -> float | None:
-    """Length in metres of a unit by name (m, metre, ft, US survey foot, …); None where it is no known length."""
+    """Length in metres of a unit by name (m, metre, ft, US survey foot, …); None where it is no known length.
+
+    Examples
+    --------
+    >>> from tilepipe.io.georeference import unit_metres
+    >>> unit_metres("metre"), unit_metres("ft"), unit_metres("furlongs per fortnight")
+    (1.0, 0.3048, None)
+    """
     return _METRES.get("_".join((unit or "").lower().replace("-", " ").replace("_", " ").split()))
 
 
 def same_unit(a: float, b: float) -> bool:
-    """Whether two units have the same length, but for rounding."""
+    """Whether two units have the same length, but for rounding.
+
+    Examples
+    --------
+    >>> from tilepipe.io.georeference import same_unit
+    >>> same_unit(0.3048, 0.30480000001), same_unit(0.3048, 1200 / 3937)  # the US survey foot is another one
+    (True, False)
+    """
     return abs(a - b) <= _SAME_UNIT * a

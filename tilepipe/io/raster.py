@@ -103,6 +103,20 @@ def open_raster(
         When an input is missing, damaged or no raster, has no or a geographic CRS or another than ``crs``, is
         rotated, has no square pixels, does not lie on the grid of the first, or has another unit of heights; the
         message names it and says what to do.
+
+    Examples
+    --------
+    Two arrays side by side become one mosaic, read window by window.
+
+    >>> import numpy as np
+    >>> import xarray as xr
+    >>> import tilepipe
+    >>> from tilepipe.tiling.grid import Window
+    >>> y = 5820000 - np.arange(4) - 0.5
+    >>> west = xr.DataArray(np.ones((4, 3)), {"y": y, "x": 392000.5 + np.arange(3)}, ("y", "x"))
+    >>> raster = tilepipe.open_raster([west, (west + 1).assign_coords(x=west.x + 3)], crs="EPSG:32633")
+    >>> raster.shape, raster.read(Window(0, 2, 1, 4)).tolist()
+    ((4, 6), [[1.0, 2.0]])
     """
     if not inputs:
         raise InputError("no input raster: name at least one file")
@@ -181,6 +195,17 @@ def check_aligned(raster: Raster, reference: Raster, role: str) -> Window:
     ------
     InputError
         When CRS, pixel size or alignment differ; ``role`` names the raster in the message.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import xarray as xr
+    >>> from tilepipe.io.raster import check_aligned, open_raster
+    >>> coordinates = {"y": 5820000.0 - np.arange(10), "x": 392000.0 + np.arange(10)}
+    >>> greys = xr.DataArray(np.zeros((10, 10)), coordinates, ("y", "x"))
+    >>> raster, heights = (open_raster([each], crs="EPSG:32633") for each in (greys, greys[2:8, 3:]))
+    >>> check_aligned(heights, raster, "the height raster").as_tuple()
+    (2, 8, 3, 10)
     """
     source, target = raster.members[0].source, reference.members[0].source
     try:
@@ -206,6 +231,15 @@ def as_dataarray(raster: Raster, *, chunks: int = 2048) -> xr.DataArray:
     -------
     xarray.DataArray of float32, dims ``(y, x)``
         Lazy array with NaN for nodata; ``.rio.crs`` and ``.rio.transform()`` hold.
+
+    Examples
+    --------
+    >>> import tilepipe
+    >>> from tilepipe.synthetic import City, write_city
+    >>> written = write_city(".", City(rows=512, columns=512), layers=["height"], truth=False)
+    >>> heights = tilepipe.as_dataarray(tilepipe.open_raster([written["height"]]), chunks=256)
+    >>> heights.dims, heights.data.numblocks, heights.rio.crs.to_epsg()
+    (('y', 'x'), (2, 2), 32633)
     """
     import dask.array as da
     import rioxarray  # noqa: F401

@@ -63,6 +63,16 @@ def read_layer(source: str | os.PathLike[str] | VectorLayer, role: str) -> Vecto
     ------
     InputError
         The file is missing or unreadable, or names no CRS.
+
+    Examples
+    --------
+    >>> import shapely
+    >>> from tilepipe.io.formats import write_table
+    >>> from tilepipe.io.tables import read_layer
+    >>> line = shapely.linestrings([[[0, 0], [3, 4]]])
+    >>> layer = read_layer(write_table("roads.gpkg", {}, line, "EPSG:2263", "gpkg"), "the truth")
+    >>> [round(each.length, 3) for each in layer.in_metres()]  # five US survey feet
+    [1.524]
     """
     import geopandas
 
@@ -132,6 +142,16 @@ def metres_per_unit(crs: Any, name: str) -> float:
     ------
     InputError
         There is no CRS, or it is geographic (degrees are no lengths).
+
+    Examples
+    --------
+    >>> from tilepipe.io.tables import metres_per_unit
+    >>> metres_per_unit("EPSG:32633", "the truth")
+    1.0
+    >>> metres_per_unit("EPSG:4326", "the truth")
+    Traceback (most recent call last):
+        ...
+    tilepipe.errors.InputError: the truth is in longitude and latitude (WGS 84)...
     """
     from pyproj import CRS
 
@@ -157,7 +177,15 @@ def run_table(folder: Path, name: str) -> Path | None:
 
 
 def in_metres(geometry: NDArray[np.object_], metres: float) -> NDArray[np.object_]:
-    """Geometries without heights, their coordinates multiplied by the length of the unit in metres."""
+    """Geometries without heights, their coordinates multiplied by the length of the unit in metres.
+
+    Examples
+    --------
+    >>> import shapely
+    >>> from tilepipe.io.tables import in_metres
+    >>> [line.wkt for line in in_metres(shapely.from_wkt(["LINESTRING Z (0 0 5, 10 0 5)"]), metres=0.3048)]
+    ['LINESTRING (0 0, 3.048 0)']
+    """
     import shapely
 
     scaled: NDArray[np.object_] = shapely.transform(shapely.force_2d(geometry), lambda points: points * metres)

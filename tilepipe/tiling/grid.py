@@ -12,7 +12,17 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """A half-open rectangle of pixels: rows ``top:bottom``, columns ``left:right``."""
+    """A half-open rectangle of pixels: rows ``top:bottom``, columns ``left:right``.
+
+    Examples
+    --------
+    >>> from tilepipe.tiling.grid import Window
+    >>> core = Window(top=512, left=0, bottom=1024, right=512)
+    >>> core.shape, core.origin
+    ((512, 512), (512, 0))
+    >>> core.padded(8, shape=(2000, 2000))  # the raster ends at column 0
+    Window(top=504, left=0, bottom=1032, right=520)
+    """
 
     top: int
     left: int
@@ -45,7 +55,16 @@ class Window:
         return slice(self.top, self.bottom), slice(self.left, self.right)
 
     def intersection(self, other: Window) -> Window:
-        """The common part; it has no pixels (``rows`` or ``columns`` ≤ 0 clipped to 0) when the two are apart."""
+        """The common part; it has no pixels (``rows`` or ``columns`` ≤ 0 clipped to 0) when the two are apart.
+
+        Examples
+        --------
+        >>> from tilepipe.tiling.grid import Window
+        >>> Window(0, 0, 100, 100).intersection(Window(60, 80, 200, 200)).shape
+        (40, 20)
+        >>> Window(0, 0, 100, 100).intersection(Window(100, 0, 200, 100)).is_empty  # half-open: they share no pixel
+        True
+        """
         top, left = max(self.top, other.top), max(self.left, other.left)
         return Window(top, left, max(top, min(self.bottom, other.bottom)), max(left, min(self.right, other.right)))
 
@@ -59,7 +78,17 @@ class Window:
         )
 
     def relative_to(self, outer: Window) -> Window:
-        """This window in the coordinates of a block read from ``outer``."""
+        """This window in the coordinates of a block read from ``outer``.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from tilepipe.tiling.grid import Window
+        >>> core, padded = Window(8, 8, 12, 12), Window(6, 6, 14, 14)
+        >>> block = np.zeros(padded.shape)
+        >>> block[core.relative_to(padded).slices].shape
+        (4, 4)
+        """
         return Window(self.top - outer.top, self.left - outer.left, self.bottom - outer.top, self.right - outer.left)
 
     def as_tuple(self) -> tuple[int, int, int, int]:
@@ -74,7 +103,15 @@ class Window:
 
 @dataclass(frozen=True, slots=True)
 class Tile:
-    """A unit of work: ``core`` is written, ``padded`` (core and halo, clipped to the raster) is read."""
+    """A unit of work: ``core`` is written, ``padded`` (core and halo, clipped to the raster) is read.
+
+    Examples
+    --------
+    >>> from tilepipe.tiling.grid import TileGrid
+    >>> tile = TileGrid((1000, 1500), (512, 512)).tile(4, halo=10)
+    >>> tile.name, tile.core.as_tuple(), tile.padded.as_tuple()
+    ('r0001c0001', (512, 1000, 512, 1024), (502, 1000, 502, 1034))
+    """
 
     number: int
     row: int
@@ -104,7 +141,21 @@ class Seam:
 
 @dataclass(frozen=True, slots=True)
 class TileGrid:
-    """A raster of ``shape`` cut into tiles of ``tile_shape`` (rows, columns); the last ones may be smaller."""
+    """A raster of ``shape`` cut into tiles of ``tile_shape`` (rows, columns); the last ones may be smaller.
+
+    Examples
+    --------
+    A raster of 1000 × 1500 pixels is cut into two rows of three tiles.
+
+    >>> from tilepipe.tiling.grid import TileGrid
+    >>> grid = TileGrid((1000, 1500), (512, 512))
+    >>> grid.counts
+    (2, 3)
+    >>> [tile.core.shape for tile in grid.tiles()]
+    [(512, 512), (512, 512), (512, 476), (488, 512), (488, 512), (488, 476)]
+    >>> grid.number_at(600, 1400)
+    5
+    """
 
     shape: tuple[int, int]
     tile_shape: tuple[int, int]
@@ -138,13 +189,32 @@ class TileGrid:
         return (row // self.tile_shape[0]) * self.counts[1] + column // self.tile_shape[1]
 
     def overlapping(self, window: Window) -> Iterator[Tile]:
-        """Tiles whose cores share pixels with ``window``, in row-major order."""
+        """Tiles whose cores share pixels with ``window``, in row-major order.
+
+        Examples
+        --------
+        >>> from tilepipe.tiling.grid import TileGrid, Window
+        >>> grid = TileGrid((1000, 1500), (512, 512))
+        >>> [tile.number for tile in grid.overlapping(Window(500, 500, 520, 520))]  # about a corner of four tiles
+        [0, 1, 3, 4]
+        """
         for row in range(window.top // self.tile_shape[0], -(-window.bottom // self.tile_shape[0])):
             for column in range(window.left // self.tile_shape[1], -(-window.right // self.tile_shape[1])):
                 yield self.tile(row * self.counts[1] + column)
 
     def seams(self) -> Iterator[Seam]:
-        """All seams: for each tile the one below it, then the one to its right."""
+        """All seams: for each tile the one below it, then the one to its right.
+
+        Examples
+        --------
+        >>> from tilepipe.tiling.grid import TileGrid
+        >>> for seam in TileGrid((1000, 1000), (512, 512)).seams():
+        ...     print(seam.first, "beside" if seam.vertical else "above", seam.second)
+        0 above 2
+        0 beside 1
+        1 above 3
+        2 beside 3
+        """
         rows, columns = self.counts
         for number in range(len(self)):
             row, column = divmod(number, columns)
@@ -160,6 +230,12 @@ class TileGrid:
         ------
         ValueError
             When ``tile_shape`` is not a multiple of ``factor``.
+
+        Examples
+        --------
+        >>> from tilepipe.tiling.grid import TileGrid
+        >>> TileGrid((1000, 1500), (512, 512)).coarsened((32, 32))
+        TileGrid(shape=(32, 47), tile_shape=(16, 16))
         """
         if self.tile_shape[0] % factor[0] or self.tile_shape[1] % factor[1]:
             raise ValueError(f"tile {self.tile_shape} is not a multiple of the rectangle {factor}")

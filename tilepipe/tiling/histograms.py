@@ -22,7 +22,32 @@ def as_facts(counted: Mapping[str, NDArray[np.int64]]) -> Facts:
 
 
 def added(facts: Iterable[Facts], name: str) -> NDArray[np.int64]:
-    """Sum of the histogram of a name over all tiles."""
+    """Sum of the histogram of a name over all tiles.
+
+    Parameters
+    ----------
+    facts
+        Of all tiles, from `as_facts`, in any order.
+    name
+        As given to `as_facts`.
+
+    Returns
+    -------
+    ndarray of int64, shape (`image.histogram.BINS`,)
+        Counts.
+
+    Examples
+    --------
+    The median of a raster of two tiles.
+
+    >>> import numpy as np
+    >>> from tilepipe.tiling.histograms import added, as_facts
+    >>> from tilepipe_kernels.image.histogram import histogram, percentile
+    >>> tiles = [np.array([10.0, 20.0]), np.array([30.0, 40.0, 50.0])]
+    >>> counts = added([as_facts({"grey": histogram(values)}) for values in tiles], "grey")
+    >>> percentile(counts, 50)
+    30.0
+    """
     counts = np.zeros(histogram.BINS, np.int64)
     for tile in facts:
         counts[tile[f"{name}:bins"]] += tile[f"{name}:counts"]

@@ -15,7 +15,20 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True)
 class Numbering:
-    """Local feature numbers of all tiles laid end to end: feature ``n`` of tile ``t`` is ``offsets[t] + n - 1``."""
+    """Local feature numbers of all tiles laid end to end: feature ``n`` of tile ``t`` is ``offsets[t] + n - 1``.
+
+    Examples
+    --------
+    Three tiles with 2, 0 and 3 features: those of the last one come after those of the first.
+
+    >>> import numpy as np
+    >>> from tilepipe.tiling.numbering import Numbering
+    >>> numbering = Numbering.of_counts(np.array([2, 0, 3]))
+    >>> numbering.total
+    5
+    >>> numbering.globalise(2, np.array([1, 3, 0])).tolist()
+    [2, 4, -1]
+    """
 
     offsets: NDArray[np.int64]
 
