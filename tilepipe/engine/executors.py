@@ -12,7 +12,7 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
-from typing import Any, Protocol, TypeVar
+from typing import Protocol, TypeVar
 
 from tilepipe.engine.allocator import keep_freed_memory
 from tilepipe.errors import InputError
@@ -60,7 +60,7 @@ class SerialExecutor:
 
 
 class PoolExecutor:
-    """Runs on a pool of ``concurrent.futures`` (threads or processes)."""
+    """Runs on an executor of ``concurrent.futures``: threads, processes, or the workers of a cluster."""
 
     def __init__(self, pool: concurrent.futures.Executor, workers: int) -> None:
         self.pool = pool
@@ -70,51 +70,29 @@ class PoolExecutor:
         """See `Executor.run`; an abandoned iterator cancels what has not started."""
         waiting = iter(items)
         running: dict[concurrent.futures.Future[Result], Item] = {}
+        broken: BaseException | None = None
         try:
             while True:
-                while len(running) < self.workers + 1 and (item := next(waiting, None)) is not None:
+                while len(running) < 2 * self.workers and (item := next(waiting, None)) is not None:
                     try:
+                        if broken is not None:
+                            raise broken
                         running[self.pool.submit(function, item)] = item
-                    except concurrent.futures.BrokenExecutor as broken:
-                        yield item, None, broken
+                    except concurrent.futures.BrokenExecutor as error:
+                        broken = error
+                        yield item, None, error
                 if not running:
                     return
                 done, _ = concurrent.futures.wait(running, return_when=concurrent.futures.FIRST_COMPLETED)
                 for future in done:
                     item = running.pop(future)
-                    error = future.exception()
-                    yield item, None if error else future.result(), error
-        finally:
-            for future in running:
-                future.cancel()
-
-
-class ClusterExecutor:
-    """Runs on a dask.distributed cluster whose workers see the same file system."""
-
-    def __init__(self, client: Any) -> None:
-        self.client = client
-        self.workers = max(1, sum(client.nthreads().values()))
-
-    def run(self, function: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Outcome[Item, Result]]:
-        """See `Executor.run`."""
-        from distributed import as_completed
-
-        waiting = iter(items)
-        running: dict[Any, Item] = {}
-        completed = as_completed()
-        try:
-            while True:
-                while len(running) < 2 * self.workers and (item := next(waiting, None)) is not None:
-                    future = self.client.submit(function, item, pure=False)
-                    running[future] = item
-                    completed.add(future)
-                if not running:
-                    return
-                future = next(completed)
-                item = running.pop(future)
-                error = future.exception()
-                yield item, None if error else future.result(), error
+                    # nobody here cancels a future that is waited for: a client does when it has lost its scheduler
+                    if future.cancelled():
+                        broken = concurrent.futures.BrokenExecutor("the connection to the scheduler is lost")
+                        yield item, None, broken
+                    else:
+                        failure = future.exception()
+                        yield item, None if failure else future.result(), failure
         finally:
             for future in running:
                 future.cancel()
@@ -129,7 +107,9 @@ def open_executor(kind: str, workers: int) -> Iterator[Executor]:
     kind
         ``threads``, ``processes``, or the address of a dask.distributed scheduler (``tcp://host:8786``).
     workers
-        Number of threads or processes; a cluster brings its own number.
+        Number of threads or processes; a cluster brings its own number.  The tile of a worker that is lost is
+        computed by another.  When all are lost the run waits for new ones, for as long as the scheduler's setting
+        ``distributed.scheduler.no-workers-timeout`` says.
 
     Raises
     ------
@@ -193,4 +173,5 @@ def _open_cluster(address: str) -> Iterator[Executor]:
     except OSError as error:
         raise InputError(f"no dask scheduler answers at {address}: start one or check the address") from error
     with client:
-        yield ClusterExecutor(client)
+        # equal arguments may stand for files that have changed: nothing is taken from the cluster's memory
+        yield PoolExecutor(client.get_executor(pure=False), max(1, sum(client.nthreads().values())))
