@@ -237,7 +237,7 @@ def ground_height(
 
     Notes
     -----
-    Between two opening sizes terrain may lose :func:`allowed_loss`; that is eq. 5 of Zhang et al. (2003) with the
+    Between two opening sizes terrain may lose `allowed_loss`; that is eq. 5 of Zhang et al. (2003) with the
     openings grown in steps so small that the slope's share of it stays below the height of a roof.
 
     Examples

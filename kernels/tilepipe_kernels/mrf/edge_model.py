@@ -2,7 +2,7 @@
 
 Two fields lie on one grid: labels x on the pixels and line elements on the cracks between them, h[i, j] between the
 pixels (i, j) and (i + 1, j), v[i, j] between (i, j) and (i, j + 1); 1 = there is an edge.  With the observed grey
-values y in units in which adjacent labels differ by one,
+values y in units in which adjacent labels differ by one::
 
     U = Σ_pixels (y - x)² / (2 σ²)  +  Σ_pairs β f(x_s - x_t)                        intensity
       + Σ_elements α (x_s - x_t)² (1 - e)                                            lines: contrast
@@ -10,7 +10,7 @@ values y in units in which adjacent labels differ by one,
 
 where s, t are the two pixels that an element parts, `before` and `after` the collinear elements that continue it, a
 corner the two perpendicular elements of one pixel that meet there, and a triple three parallel elements in adjacent
-rows (h) or columns (v).  f(d) = d² is the quadratic potential and f(d) = -1/(1 + |d|) the reciprocal one.
+rows (h) or columns (v).  f(d) = d² is the quadratic potential and ``f(d) = -1/(1 + |d|)`` the reciprocal one.
 
 A term is counted only if everything it speaks of exists and is committed: no pixel without data, no element beside
 one or beyond the raster, no label or element that is still `UNCOMMITTED`.

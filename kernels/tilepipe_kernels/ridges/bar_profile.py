@@ -1,7 +1,7 @@
 """The bar profile as model of a line: what response, scale, width and noise have to do with each other.
 
-A line of half-width w is the profile 0 | 1 | a times a contrast, for x < -w, |x| <= w, x > w (Steger 1998,
-Section 2). Lengths inside the rules are in units of sigma, so the model has no scale.
+A line of half-width w is the profile ``0 | 1 | a`` times a contrast, for ``x < -w``, ``|x| <= w``, ``x > w`` (Steger
+1998, Section 2). Lengths inside the rules are in units of sigma, so the model has no scale.
 """
 
 from __future__ import annotations

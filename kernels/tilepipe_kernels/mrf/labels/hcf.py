@@ -3,7 +3,7 @@
 The parallel form keeps a list of the sites that want to change, those uncommitted or with G < 0.  In a round, the
 sites of the list that come before their four neighbours change, and the stability of what they touch is computed
 anew from scratch, so that no sum depends on the order of changes.  Sites that change at once are never adjacent: each
-change lowers the energy by its |G|.  Stable sites are given infinite G, for nobody waits for them.
+change lowers the energy by its ``|G|``.  Stable sites are given infinite G, for nobody waits for them.
 """
 
 from __future__ import annotations

@@ -60,7 +60,7 @@ class Sides:
     left, right
         int64, shape (n,): row of the region in the other arrays.
     area, least
-        int64, shape (r,): twice the areas in `UNITS`² of a pixel, kept up to date, and the least ones.
+        int64, shape (r,): twice the areas in squares of a pixel's `UNITS`, kept up to date, and the least ones.
     """
 
     left: Int64

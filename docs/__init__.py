@@ -1,0 +1,1 @@
+"""Documentation: pages, and what is made of the code for them."""
