@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.edges.optimisers import ICM, PARALLEL, Solved
-from tilepipe.io.atomic import written_aside
+from tilepipe.io.atomic import atomic_write
 from tilepipe.report.frame import INK
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ def picture(solved: Sequence[Sequence[Solved]], folder: Path) -> Path:
     # labels look for their places once the marks have theirs
     for axes, group in zip(panels, solved, strict=False):
         _label(axes, _marks([each for each in group if not math.isnan(each.energy)]))
-    with written_aside(path) as aside:
+    with atomic_write(path) as aside:
         figure.savefig(aside, dpi=_DPI, metadata={"Software": None})
     return path
 

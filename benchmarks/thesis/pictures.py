@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from benchmarks.thesis.results import CORNER, Results
 from benchmarks.thesis.runs import RUNS, Classical, Field, Form
 from benchmarks.thesis.scenes import Points, Scene
-from tilepipe.io.atomic import written_aside
+from tilepipe.io.atomic import atomic_write
 from tilepipe.report.frame import INK
 
 if TYPE_CHECKING:
@@ -132,6 +132,6 @@ def picture(results: Results, form: Form, folder: Path) -> Path:
     path = folder / f"edges-thesis-{results.scene.key}-{form.key}.png"
     title = results.scene.title[0].upper() + results.scene.title[1:]
     figure = _lay_out(f"{title}; {form.title}", _panels(results, form))
-    with written_aside(path) as aside:
+    with atomic_write(path) as aside:
         figure.savefig(aside, dpi=_DPI, metadata={"Software": None})
     return path

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tilepipe.engine.ledger import Ledger, checksum, layout, pack, write_whole
+from tilepipe.engine.facts_file import checksum, layout, pack
+from tilepipe.engine.ledger import Ledger
 
 
 def test_facts_come_back(tmp_path):
@@ -39,9 +40,3 @@ def test_checksum_sees_value_shape_and_type():
     others = [a + 1, a.reshape(2, 3), a.astype(np.uint32), a[::-1]]
     assert checksum(a) == checksum(a.copy())
     assert all(checksum(a) != checksum(other) for other in others)
-
-
-def test_a_failed_write_leaves_nothing(tmp_path):
-    with pytest.raises(TypeError):
-        write_whole(tmp_path / "file", "no bytes")
-    assert list(tmp_path.iterdir()) == []

@@ -22,7 +22,6 @@ from rasterio.transform import from_origin
 
 from tilepipe.errors import InputError
 from tilepipe.io import geoparquet
-from tilepipe.io.atomic import written_aside
 from tilepipe.io.cog import cog_from_tiled
 from tilepipe.io.formats import SUFFIX, convert, write_table
 from tilepipe.io.geometries import lines_from_ragged
@@ -148,39 +147,6 @@ def test_bad_batches_are_refused(
     ):
         writer.append(columns, np.array(coordinates, float), np.array(offsets))
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_failing_write_leaves_the_old_file(tmp_path: Path) -> None:
-    path = tmp_path / "a.txt"
-    path.write_text("old")
-
-    def fail(error: type[BaseException]) -> None:
-        with written_aside(path) as aside:
-            aside.write_text("half")
-            raise error
-
-    for error in (RuntimeError, KeyboardInterrupt):
-        with pytest.raises(error):
-            fail(error)
-    assert path.read_text() == "old"
-    assert list(tmp_path.iterdir()) == [path]
-
-
-def test_leftovers_of_a_killed_write_are_cleared(tmp_path: Path) -> None:
-    with written_aside(tmp_path / "a.txt") as aside:
-        left = aside.parent
-        aside.write_text("x")
-    left.mkdir()
-    (left / "a.txt-journal").write_text("half")
-    with written_aside(tmp_path / "a.txt") as aside:
-        assert list(aside.parent.iterdir()) == []
-        aside.write_text("new")
-    assert [p.name for p in tmp_path.iterdir()] == ["a.txt"]
-
-
-def test_an_error_of_another_file_keeps_its_name(tmp_path: Path) -> None:
-    with pytest.raises(FileNotFoundError, match="other"), written_aside(tmp_path / "a.txt"):
-        (tmp_path / "elsewhere" / "other.txt").read_text()
 
 
 def test_unwritable_places_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -18,11 +18,12 @@ from pathlib import Path
 from typing import IO, Any, TypeVar
 
 from tilepipe.engine.executors import Executor, open_executor
-from tilepipe.engine.ledger import Ledger, write_whole
+from tilepipe.engine.ledger import Ledger
 from tilepipe.engine.options import RunOptions
 from tilepipe.engine.passes import Pass, run_pass
 from tilepipe.engine.progress import Progress
 from tilepipe.errors import InputError
+from tilepipe.io.atomic import atomic_write_bytes
 from tilepipe.io.record import RECORD, TIMINGS, read_record
 from tilepipe_kernels.core.cache import listening
 
@@ -52,7 +53,7 @@ def write_record(path: Path, record: Mapping[str, Any]) -> None:
             return {key: clean(item) for key, item in value.items() if item is not None}
         return value
 
-    write_whole(path, tomli_w.dumps(clean(record)).encode())
+    atomic_write_bytes(path, tomli_w.dumps(clean(record)).encode())
 
 
 class Run:
@@ -104,7 +105,7 @@ class Run:
         for layer in layers:
             os.replace(layer, self.folder / layer.name)
         timings = {name: round(seconds, 3) for name, seconds in self.timings.items()}
-        write_whole(self.folder / TIMINGS, json.dumps(timings, indent=1).encode())
+        atomic_write_bytes(self.folder / TIMINGS, json.dumps(timings, indent=1).encode())
         write_record(self.folder / RECORD, record)
         # without its identity a state is nobody's, should this process end before all of it is gone
         (self.state / RECORD).unlink(missing_ok=True)

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe.engine.ledger import checksum
+from tilepipe.engine.facts_file import checksum
 from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import Tile, TileGrid, Window
 from tilepipe_kernels.core.arrays import to_host

@@ -1,4 +1,4 @@
-"""Write a file beside its final name and rename it when it is whole."""
+"""Atomic writes: a file is written beside its final name and renamed when it is whole."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _REMEDY = {
 
 
 @contextmanager
-def written_aside(final: str | os.PathLike[str]) -> Iterator[Path]:
+def atomic_write(final: str | os.PathLike[str]) -> Iterator[Path]:
     """Give a path to write to; rename it to `final` when the block ends well, remove it when it does not.
 
     The path has the name of `final` (drivers look at the suffix) in a hidden folder beside it, which also
@@ -44,8 +44,8 @@ def written_aside(final: str | os.PathLike[str]) -> Iterator[Path]:
     Examples
     --------
     >>> from pathlib import Path
-    >>> from tilepipe.io.atomic import written_aside
-    >>> with written_aside("notes.txt") as path:
+    >>> from tilepipe.io.atomic import atomic_write
+    >>> with atomic_write("notes.txt") as path:
     ...     _ = path.write_text("whole")
     ...     Path("notes.txt").exists()
     False
@@ -70,6 +70,42 @@ def written_aside(final: str | os.PathLike[str]) -> Iterator[Path]:
         raise InputError(f"cannot write {final}: {remedy}") from error
     finally:
         shutil.rmtree(folder, ignore_errors=True)
+
+
+def atomic_write_bytes(final: Path, data: bytes) -> None:
+    """Write a small file in one step; its folder is made when missing.
+
+    For the many files of a run, which several processes may write at once: it does not wait for the disk, and errors
+    of the disk are raised as they are.
+
+    Parameters
+    ----------
+    final
+        Path of the finished file.  An existing file is replaced in one step.
+    data
+        What it holds.
+
+    Raises
+    ------
+    OSError
+        When the file cannot be written; nothing of it is left.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tilepipe.io.atomic import atomic_write_bytes
+    >>> atomic_write_bytes(Path("notes/first.txt"), b"whole")
+    >>> [path.name for path in Path("notes").iterdir()]
+    ['first.txt']
+    """
+    final.parent.mkdir(parents=True, exist_ok=True)
+    aside = final.with_name(f".{final.name}.{os.getpid()}.part")
+    try:
+        aside.write_bytes(data)
+        os.replace(aside, final)
+    except BaseException:
+        aside.unlink(missing_ok=True)
+        raise
 
 
 def _flush_to_disk(path: Path) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from tilepipe.io.atomic import written_aside
+from tilepipe.io.atomic import atomic_write
 from tilepipe.io.georeference import Geometry
 from tilepipe.tiling.grid import TileGrid, Window
 
@@ -139,7 +139,7 @@ def cog_from_tiled(
     with rasterio.open(source) as raster:
         is_float = raster.dtypes[0].startswith("float")
     destination = Path(destination)
-    with written_aside(destination) as aside, rasterio.Env():
+    with atomic_write(destination) as aside, rasterio.Env():
         rasterio.shutil.copy(
             str(source),
             str(aside),

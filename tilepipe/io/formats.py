@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tilepipe.errors import InputError
-from tilepipe.io.atomic import written_aside
+from tilepipe.io.atomic import atomic_write
 from tilepipe.io.geoparquet import ROW_GROUP, TYPE_ID, ParquetWriter
 
 if TYPE_CHECKING:
@@ -86,7 +86,7 @@ def write_table(
         with ParquetWriter(path, types, crs, geometry_type) as writer:
             writer.append(arrays, rows)
         return path
-    with written_aside(path) as aside:
+    with atomic_write(path) as aside:
         parquet = aside.with_name("table.parquet")
         with ParquetWriter(parquet, types, crs, geometry_type) as writer:
             writer.append(arrays, rows)
@@ -137,7 +137,7 @@ def convert(
     if not source.is_file():
         raise InputError(f"{source} does not exist; run the pipeline first or correct the path")
     final = Path(destination) if destination is not None else source.with_suffix(SUFFIX[format])
-    with written_aside(final) as aside:
+    with atomic_write(final) as aside:
         _write_converted(source, aside, format)
     return final
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tilepipe.io.atomic import written_aside
+from tilepipe.io.atomic import atomic_write
 from tilepipe.io.geometries import checked_lines
 from tilepipe_kernels.core.compiled import loop
 
@@ -96,7 +96,7 @@ class ParquetWriter:
     def __enter__(self) -> Self:
         import pyarrow.parquet as pq
 
-        self._aside = written_aside(self.path)
+        self._aside = atomic_write(self.path)
         path = self._aside.__enter__()
         try:
             # Our own handle: pyarrow leaves its file open when closing fails on a full disk.

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tilepipe.errors import InputError
-from tilepipe.io.atomic import written_aside
+from tilepipe.io.atomic import atomic_write
 from tilepipe.report.frame import (
     DPI,
     FOOTER,
@@ -257,7 +257,7 @@ def _draw(run: _EdgesRun, name: str, bounds: Bounds, panels: Sequence[_Panel], t
         _draw_legend(figure, begin, high, panel)
     write_header(figure, left, high, title, facts)
     draw_scale_bar(figure, left + maps / wide, width / wide, bounds, run.metres)
-    with written_aside(run.folder / name) as aside:
+    with atomic_write(run.folder / name) as aside:
         figure.savefig(aside, dpi=DPI, metadata={"Software": None})
     return run.folder / name
 

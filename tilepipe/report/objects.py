@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tilepipe.errors import InputError
-from tilepipe.io.atomic import written_aside
+from tilepipe.io.atomic import atomic_write
 from tilepipe.report.frame import DPI, FOOTER, HEADER, INK, MARGIN, Bounds, draw_scale_bar, write_header
 
 if TYPE_CHECKING:
@@ -185,7 +185,7 @@ def _draw(
     write_header(figure, left, high, title, regions.facts(facts, bounds))
     _draw_bars(figure, bars, left + (width + 24) / wide, height)
     draw_scale_bar(figure, left + width / wide, width / wide, bounds, regions.metres)
-    with written_aside(path) as aside:
+    with atomic_write(path) as aside:
         figure.savefig(aside, dpi=DPI, metadata={"Software": None})
 
 

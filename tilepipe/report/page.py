@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe.io.atomic import written_aside
+from tilepipe.io.atomic import atomic_write
 from tilepipe.report.streets import (
     JUNCTION_COLOUR,
     LINE_COLOUR,
@@ -126,7 +126,7 @@ def map_page(run_dir: str | os.PathLike[str], rasters: Sequence[str | os.PathLik
         tables=_tables(run),
         script=script,
     )
-    with written_aside(run.folder / "report.html") as aside:
+    with atomic_write(run.folder / "report.html") as aside:
         aside.write_text(page, encoding="utf-8")
     return run.folder / "report.html"
 

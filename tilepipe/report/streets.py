@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tilepipe.errors import InputError
-from tilepipe.io.atomic import written_aside
+from tilepipe.io.atomic import atomic_write
 from tilepipe.report.frame import (
     DPI,
     FOOTER,
@@ -260,7 +260,7 @@ def _draw(run: StreetsRun, bounds: Bounds, name: str, title: str, facts: str, fr
     write_header(figure, left, canvas_height, title, facts)
     _draw_legend(figure, axes)
     draw_scale_bar(figure, left + width / canvas_width, width / canvas_width, bounds, run.metres)
-    with written_aside(run.folder / name) as aside:
+    with atomic_write(run.folder / name) as aside:
         figure.savefig(aside, dpi=DPI, metadata={"Software": None})
     return run.folder / name
 

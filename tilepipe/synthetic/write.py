@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tilepipe.errors import InputError
+from tilepipe.io.atomic import atomic_write
 from tilepipe.synthetic.city import City
 from tilepipe.synthetic.layers import LAYERS, render_layers
 from tilepipe.synthetic.scene import Window
@@ -84,16 +85,11 @@ def write_city(
     paths = {layer: folder / f"{layer}.tif" for layer in layers}
     if truth:
         paths |= {name: folder / f"{name}.parquet" for name in TRUTH}
-    partial = {name: path.with_name(f".{path.name}.partial") for name, path in paths.items()}
-    try:
-        _write_rasters({layer: partial[layer] for layer in layers}, city, tile, workers, progress)
+    with ExitStack() as stack:
+        asides = {name: stack.enter_context(atomic_write(path)) for name, path in paths.items()}
+        _write_rasters({layer: asides[layer] for layer in layers}, city, tile, workers, progress)
         for name in TRUTH if truth else ():
-            TRUTH[name](city).to_parquet(partial[name])
-        for name, path in paths.items():
-            partial[name].replace(path)
-    finally:
-        for path in partial.values():
-            path.unlink(missing_ok=True)
+            TRUTH[name](city).to_parquet(asides[name])
     return paths
 
 
