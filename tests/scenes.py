@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tilepipe.engine.options import RunOptions
-from tilepipe.pipelines.streets.recipe import streets
+from tilepipe.pipelines.streets.pipeline import streets
 
 LAYERS = ("streets.tif", "centerlines.parquet", "skeleton.parquet")
 

@@ -8,21 +8,19 @@ The pipelines are functions of this package, imported on first use so that ``imp
 
 from __future__ import annotations
 
-import sys
-from types import ModuleType
 from typing import Any
 
 __version__ = "0.1.0"
 
 _EXPORTS = {
-    "streets": "tilepipe.pipelines.streets.recipe",
-    "plan_streets": "tilepipe.pipelines.streets.recipe",
+    "streets": "tilepipe.pipelines.streets.pipeline",
+    "plan_streets": "tilepipe.pipelines.streets.pipeline",
     "StreetParameters": "tilepipe.pipelines.streets.parameters",
-    "objects": "tilepipe.pipelines.objects.recipe",
-    "plan_objects": "tilepipe.pipelines.objects.recipe",
+    "objects": "tilepipe.pipelines.objects.pipeline",
+    "plan_objects": "tilepipe.pipelines.objects.pipeline",
     "ObjectParameters": "tilepipe.pipelines.objects.parameters",
-    "edges": "tilepipe.pipelines.edges.recipe",
-    "plan_edges": "tilepipe.pipelines.edges.recipe",
+    "edges": "tilepipe.pipelines.edges.pipeline",
+    "plan_edges": "tilepipe.pipelines.edges.pipeline",
     "EdgeParameters": "tilepipe.pipelines.edges.parameters",
     "RunOptions": "tilepipe.engine.options",
     "open_raster": "tilepipe.io.raster",
@@ -50,15 +48,3 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     return [*__all__, "accessor"]
-
-
-class _Package(ModuleType):
-    """The package; the import of the module `tilepipe.streets` must not hide the function `tilepipe.streets`."""
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        if name in _EXPORTS and isinstance(value, ModuleType):
-            value = getattr(value, name)
-        super().__setattr__(name, value)
-
-
-sys.modules[__name__].__class__ = _Package

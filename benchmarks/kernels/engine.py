@@ -12,7 +12,7 @@ import numpy as np
 from benchmarks.kernels.scene import Scene
 from benchmarks.measure.contest import Call, Case, Contestant
 from tilepipe.engine.executors import open_executor
-from tilepipe.engine.passes import Pass, run_pass
+from tilepipe.engine.passes import BoundPass, run_pass
 from tilepipe.engine.progress import Silent
 from tilepipe.engine.state import StateArray, write_state
 from tilepipe.tiling.facts import Facts
@@ -68,7 +68,7 @@ def engine_case(scene: Scene, size: int, scratch: Path) -> Case:
 def _run_pass(source: StateArray, folder: Path, workers: int) -> Any:
     shutil.rmtree(folder, ignore_errors=True)
     target = StateArray(folder / "target.zarr", source.grid, "float32")
-    pass_ = Pass("copy", _copy, _Copy(source, target), source.grid, 0, {"target": target})
+    pass_ = BoundPass("copy", _copy, _Copy(source, target), source.grid, 0, {"target": target})
     with open_executor("threads", workers) as executor:
         return run_pass(pass_, folder, executor, Silent())
 

@@ -9,6 +9,7 @@ import typer
 
 from docs.from_code.markdown import table
 from tilepipe import cli
+from tilepipe.pipelines import registry
 
 EXIT_CODES = {
     cli.DONE: "done",
@@ -30,7 +31,11 @@ def exit_code_table() -> str:
 
 def command_sections() -> str:
     """A section per command: usage, what it does, arguments and options."""
-    return "\n\n".join(_section(name, command) for name, command in command_group().commands.items())
+    group = command_group()
+    context = typer.Context(group)
+    # pipelines of other packages have pages of their own
+    names = [*registry.OWN, *group.commands]
+    return "\n\n".join(_section(name, group.get_command(context, name)) for name in names)
 
 
 def _section(name: str, command: Any) -> str:

@@ -9,15 +9,9 @@ from typing import Any
 from pydantic import BaseModel
 
 from docs.from_code.markdown import table
-from tilepipe.pipelines.edges.parameters import EdgeParameters
-from tilepipe.pipelines.objects.parameters import ObjectParameters
-from tilepipe.pipelines.streets.parameters import StreetParameters
+from tilepipe.pipelines import registry
 
-MODELS: dict[str, type[BaseModel]] = {
-    "streets": StreetParameters,
-    "objects": ObjectParameters,
-    "edges": EdgeParameters,
-}
+MODELS: dict[str, type[BaseModel]] = {name: registry.pipeline(name).parameters for name in registry.OWN}
 
 # Units that the descriptions do not give in parentheses.
 UNITS = {

@@ -11,7 +11,7 @@ import pytest
 from tilepipe.engine.device import on_device
 from tilepipe.engine.executors import open_executor
 from tilepipe.engine.options import RunOptions
-from tilepipe.engine.passes import Pass, run_pass
+from tilepipe.engine.passes import BoundPass, run_pass
 from tilepipe.engine.progress import Silent
 from tilepipe.errors import InputError
 from tilepipe.tiling.facts import Facts
@@ -73,7 +73,7 @@ def facts_on_device(context: int, tile: Tile) -> Facts:
 
 
 def test_facts_come_home(tmp_path: Path) -> None:
-    pass_ = Pass("numbers", facts_on_device, 3, GRID, 0, backend="cupy")
+    pass_ = BoundPass("numbers", facts_on_device, 3, GRID, 0, backend="cupy")
     with open_executor("threads", 2) as executor:
         found = run_pass(pass_, tmp_path, executor, Silent()).all_facts()
     assert [len(facts["numbers"]) for facts in found] == [3, 4, 5, 6, 7, 8]

@@ -13,7 +13,7 @@ import pytest
 
 from tilepipe.engine.executors import open_executor
 from tilepipe.engine.options import RunOptions
-from tilepipe.engine.passes import Pass, run_pass
+from tilepipe.engine.passes import BoundPass, run_pass
 from tilepipe.engine.progress import Silent
 from tilepipe.engine.run import open_run
 from tilepipe.engine.state import StateArray, write_state
@@ -52,8 +52,8 @@ def context(tmp_path: Path) -> Context:
     return Context(source, StateArray(tmp_path / "result.zarr", GRID, "int32"))
 
 
-def doubling(context: Context) -> Pass:
-    return Pass("double", double, context, GRID, 2, {"result": context.result})
+def doubling(context: Context) -> BoundPass:
+    return BoundPass("double", double, context, GRID, 2, {"result": context.result})
 
 
 def worked(context: Context) -> list[int]:

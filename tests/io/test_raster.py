@@ -319,11 +319,12 @@ def test_the_unit_of_heights(tmp_path, crs, unit, metres):
 
 
 def test_pipelines_take_heights_in_metres(tmp_path):
+    from tilepipe.engine.request import AlignedRaster
     from tilepipe.engine.state import StateArray
     from tilepipe.pipelines.objects.parameters import object_parameters
     from tilepipe.pipelines.objects.pass_leaves import LeafContext, find_leaves
     from tilepipe.pipelines.streets.parameters import street_parameters
-    from tilepipe.pipelines.streets.pass_segment import Heights, SegmentContext, _is_raised
+    from tilepipe.pipelines.streets.pass_segment import SegmentContext, _is_raised
     from tilepipe.tiling.grid import TileGrid
 
     path = write_raster(tmp_path / "a.tif", np.where(np.arange(900).reshape(30, 30) == 465, 8, 0).astype(np.float32))
@@ -335,7 +336,7 @@ def test_pipelines_take_heights_in_metres(tmp_path):
     labels.create()
     facts = find_leaves(LeafContext(raster, object_parameters({}), grid, labels), tile)
     assert facts["highest"].max() == round(8 * FOOT * 1000)
-    heights = Heights(raster, Window(0, 0, 30, 30))
+    heights = AlignedRaster(raster, Window(0, 0, 30, 30))
     for most, raised in ((2.0, True), (3.0, False)):
         parameters = street_parameters({"maximum_height": most})
         context = SegmentContext(raster, heights, None, parameters, grid, labels, labels)

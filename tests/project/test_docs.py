@@ -15,8 +15,9 @@ import tilepipe
 from docs.from_code import columns, commands, kernels, parameters
 from tests.project import pages
 from tilepipe import cli
-from tilepipe.cli import pipelines
+from tilepipe.cli import pipelines, records
 from tilepipe.engine.parameters import checked_parameters
+from tilepipe.pipelines import registry
 from tilepipe.synthetic import City, write_city
 
 COMMANDS = sorted({tuple(words) for page in pages.PAGES for words in pages.commands(pages.text_of(page), "tilepipe")})
@@ -41,6 +42,7 @@ def test_commands_parse(words: tuple[str, ...]) -> None:
 
 def test_every_command_is_shown() -> None:
     names = {command.callback.__name__ for command in cli.app.registered_commands if command.callback}
+    names |= set(registry.OWN)
     assert names <= {words[0] for words in COMMANDS}
     sections = commands.command_sections()
     assert all(f"\n## {name}\n" in sections for name in names)
@@ -70,7 +72,7 @@ def test_the_record_of_an_example_runs(tmp_path: Path, monkeypatch: pytest.Monke
     (record,) = pages.code_blocks(pages.text_of(pages.DOCS / "reference" / "record.md"), "toml")
     (tmp_path / "city.toml").write_text(record)
     assert tomllib.loads(record)["command"] == "streets"
-    pipelines.run_record(pipelines.load_record(tmp_path / "city.toml", None), overwrite=True, quiet=True)
+    records.run_record(records.load_record(tmp_path / "city.toml", None), overwrite=True, quiet=True)
     assert (tmp_path / tomllib.loads(record)["out"] / "centerlines.parquet").is_file()
 
 
@@ -85,8 +87,8 @@ def test_table_takes_units_out_of_the_meaning() -> None:
 def test_every_parameter_and_column_is_described() -> None:
     for model in parameters.MODELS.values():
         assert all(field.description for field in model.model_fields.values())
-    for name, table in columns.TABLES.items():
-        assert list(columns.MEANINGS[name]) == list(table)
+    for table in columns.TABLES.values():
+        assert table.meaning and all(column.meaning for column in table.columns.values())
 
 
 def test_every_table_has_its_place() -> None:

@@ -10,7 +10,8 @@ from typing import Annotated, NoReturn
 import typer
 
 from tilepipe import __version__
-from tilepipe.cli import pipelines, tools
+from tilepipe.cli import records, tools
+from tilepipe.cli.pipelines import PipelineCommands
 from tilepipe.engine.allocator import keep_freed_memory
 from tilepipe.errors import InputError, TileError
 
@@ -20,18 +21,16 @@ _UsageError: type[Exception] = typer.BadParameter.__bases__[0]
 """The base of what is wrong with a command line: a class of click, or of typer's own copy of it."""
 
 app = typer.Typer(
+    cls=PipelineCommands,
     add_completion=False,
     pretty_exceptions_enable=False,
     help="Street, object and edge layers from city-wide rasters: tile by tile, without seams.",
 )
 
 for _command in (
-    pipelines.streets,
-    pipelines.objects,
-    pipelines.edges,
-    pipelines.run,
-    pipelines.plan,
-    pipelines.status,
+    records.run,
+    records.plan,
+    records.status,
     tools.grid,
     tools.evaluate,
     tools.report,

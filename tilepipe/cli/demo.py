@@ -31,7 +31,7 @@ def compile_kernels() -> None:
     """Run `streets` once on a small scene, so that its compiled kernels lie in the disk cache."""
     import xarray as xr
 
-    from tilepipe.pipelines.streets.recipe import streets
+    from tilepipe.pipelines.streets.pipeline import streets
 
     grey = _drawn_street()[1]
     grey[60:63, 60:63] = np.nan
@@ -76,7 +76,7 @@ def run_demo(out: Path, *, size: int = 2048, seed: int = 0, progress: Progress |
         What was made and how good it is, for people.
     """
     from tilepipe.evaluate.lines import evaluate
-    from tilepipe.pipelines.streets.recipe import streets
+    from tilepipe.pipelines.streets.pipeline import streets
     from tilepipe.report.page import report
     from tilepipe.synthetic import City, write_city
 

@@ -1,15 +1,16 @@
-"""The commands that plan and carry out runs: one for each pipeline, and those that work from the record of a run."""
+"""A command for each pipeline, made of what the pipeline declares when it is asked for."""
 
 from __future__ import annotations
 
 import inspect
+import sys
 import tomllib
-from collections.abc import Callable
-from functools import wraps
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from tilepipe.cli.options import (
     Assignments,
@@ -28,46 +29,88 @@ from tilepipe.cli.options import (
     Tile,
     Workers,
 )
+from tilepipe.cli.records import run_record
 from tilepipe.errors import InputError
-
-if TYPE_CHECKING:
-    from tilepipe.engine.options import RunOptions
-
-_PIPELINES: dict[str, dict[str, str]] = {"streets": {"heights": "height"}, "objects": {}, "edges": {}}
-"""The pipelines; for each input that a record may name beside the rasters, the argument of the pipeline."""
-
-_TABLES = {"inputs", "raster", "options", "parameters"}
-_KNOWN = {"command", "version", "out"} | _TABLES
-"""Names and tables of a record."""
-
-Inputs = dict[str, list[Path]]
+from tilepipe.pipelines import registry
 
 
-def pipeline(own: Callable[..., Inputs]) -> Callable[..., None]:
-    """Make a command of a pipeline, which takes rasters, the options of ``own``, and those that all pipelines share.
+class PipelineCommands(TyperGroup):
+    """The commands, those of the pipelines among them."""
 
-    ``own`` returns the files of its options by the names that a record gives them; its name is that of the pipeline.
-    """
-    own_parameters = inspect.signature(own, eval_str=True).parameters
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Names of all commands, the pipelines first."""
+        return [*registry.names(), *super().list_commands(ctx)]
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """A command by its name, None for an unknown one."""
+        command = super().get_command(ctx, cmd_name)
+        if command is not None or not (cmd_name in registry.OWN or cmd_name in registry.names()):
+            return command
+        try:
+            return _pipeline_command(cmd_name)
+        except InputError as error:
+            # a package that cannot be used does not spoil the help of all others
+            if ctx.meta.get(_LISTING):
+                return _command(_nothing, cmd_name, f"Cannot be used: {error}.")
+            raise
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        """Write the help."""
+        ctx.meta[_LISTING] = True
+        super().format_help(ctx, formatter)
+        for complaint in registry.complaints():
+            print(f"tilepipe: warning: {complaint}", file=sys.stderr)
+
+
+_LISTING = "tilepipe.listing"
+"""Mark of a context in which commands are only listed."""
+
+
+def _pipeline_command(name: str) -> Any:
+    """Command of a pipeline: rasters, options for its further inputs, and the options that all pipelines share."""
+    summary, inputs = registry.face(name)
     _, _, rasters, out, *shared = inspect.signature(_carry_out, eval_str=True).parameters.values()
+    own = [_input_option(item.option, item.meaning) for item in inputs]
+    parameters = [item.replace(kind=inspect.Parameter.KEYWORD_ONLY) for item in (rasters, out, *own, *shared)]
 
-    @wraps(own)
     def command(**values: Any) -> None:
-        further = own(**{name: values.pop(name) for name in own_parameters})
-        _carry_out(own.__name__, further, **values)
+        further = {item.name: values.pop(item.option) or [] for item in inputs}
+        _carry_out(name, further, **values)
 
-    parameters = [
-        parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY)
-        for parameter in (rasters, out, *own_parameters.values(), *shared)
-    ]
+    return _command(command, name, summary, parameters)
+
+
+def _input_option(name: str, meaning: str) -> inspect.Parameter:
+    return inspect.Parameter(
+        name,
+        inspect.Parameter.KEYWORD_ONLY,
+        default=None,
+        annotation=Annotated[list[Path] | None, typer.Option(help=meaning)],
+    )
+
+
+def _command(
+    function: Callable[..., None], name: str, summary: str, parameters: Sequence[inspect.Parameter] = ()
+) -> Any:
+    """A function as a command that takes the parameters."""
+
+    def command(**values: Any) -> None:
+        function(**values)
+
     command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     command.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
-    return command
+    app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+    app.command(name, help=summary)(command)
+    return typer.main.get_command(app)
+
+
+def _nothing() -> None:
+    """Stand for a command that is only listed."""
 
 
 def _carry_out(
     name: str,
-    further: Inputs,
+    further: dict[str, list[Path]],
     rasters: Rasters,
     out: RunFolder = None,
     tile: Tile = 2048,
@@ -110,29 +153,6 @@ def _given(values: dict[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in values.items() if value is not None}
 
 
-@pipeline
-def streets(
-    height: Annotated[
-        list[Path] | None,
-        typer.Option(help="Height raster (DSM) on the same grid, to leave out trees and roofs."),
-    ] = None,
-) -> Inputs:
-    """Street centerlines from lidar intensity (dark streets), by ridge lines and by skeleton."""
-    return {"heights": height or []}
-
-
-@pipeline
-def objects() -> Inputs:
-    """Object polygons from lidar heights, and the probability of every boundary between them."""
-    return {}
-
-
-@pipeline
-def edges() -> Inputs:
-    """Segmentation, line field and edge lines from aerial photographs, and Nevatia–Babu edges beside them."""
-    return {}
-
-
 def assignments(texts: list[str]) -> dict[str, Any]:
     """Named values of ``--set name=value``; a value is read as TOML, else as text.
 
@@ -151,110 +171,3 @@ def assignments(texts: list[str]) -> dict[str, Any]:
         except tomllib.TOMLDecodeError:
             values[name.strip()] = value
     return values
-
-
-def run_record(record: dict[str, Any], *, overwrite: bool, quiet: bool, plan_only: bool = False) -> None:
-    """Plan or run a pipeline as a record says.
-
-    Raises
-    ------
-    InputError
-        Something in the record cannot be used.
-    """
-    from importlib import import_module
-
-    from tilepipe.cli.bars import progress_bars
-
-    command = record["command"]
-    for name in _TABLES:
-        if not isinstance(record.get(name, {}), dict):
-            raise InputError(f"the record's '{name}' is no table: write [{name}]")
-    inputs = record.get("inputs", {})
-    arguments = _arguments(command, inputs) | {
-        "params": record.get("parameters", {}),
-        "options": _run_options(record.get("options", {}), overwrite),
-    }
-    module = import_module(f"tilepipe.pipelines.{command}.recipe")
-    if plan_only:
-        print(getattr(module, f"plan_{command}")(inputs.get("rasters", []), **arguments).text())
-        return
-    out = Path(record.get("out", ""))
-    if not record.get("out"):
-        raise InputError("no folder for the run is named: give --out FOLDER")
-    with progress_bars(quiet) as progress:
-        layers = getattr(module, command)(inputs.get("rasters", []), out=out, progress=progress, **arguments)
-    if not quiet:
-        for layer in layers:
-            print(layer)
-
-
-def _arguments(command: str, inputs: dict[str, Any]) -> dict[str, Any]:
-    """Arguments of a pipeline for the inputs of a record, but for its rasters."""
-    further = _PIPELINES[command]
-    known = ("rasters", *further, "crs", "band")
-    if unknown := sorted(set(inputs) - set(known)):
-        raise InputError(f"[inputs] of the record: {command} takes no '{unknown[0]}'; it takes {', '.join(known)}")
-    named: dict[str, Any] = {"crs": inputs.get("crs"), "band": inputs.get("band")}
-    return named | {argument: inputs.get(name) or None for name, argument in further.items()}
-
-
-def _run_options(options: dict[str, Any], overwrite: bool) -> RunOptions:
-    from tilepipe.engine.options import RunOptions, parse_memory
-
-    if isinstance(options.get("memory"), str):
-        options = options | {"memory": parse_memory(options["memory"])}
-    try:
-        return RunOptions(**options, overwrite=overwrite)
-    except TypeError as error:
-        raise InputError(f"[options] of the record: {str(error).partition(') ')[2]}; remove it") from None
-
-
-def load_record(path: Path, out: Path | None) -> dict[str, Any]:
-    """Read the record of a run; ``out`` is another folder than it names.
-
-    Raises
-    ------
-    InputError
-        The file is no record.
-    """
-    from tilepipe.io.record import read_record
-
-    record = read_record(path)
-    if unknown := sorted(set(record) - _KNOWN):
-        raise InputError(f"{path}: '{unknown[0]}' is unknown; known are {', '.join(sorted(_KNOWN))}")
-    if record.get("command") not in _PIPELINES:
-        raise InputError(f"{path}: command '{record.get('command')}' is unknown; use {' or '.join(_PIPELINES)}")
-    return record | ({"out": str(out)} if out is not None else {})
-
-
-def run(
-    record: Annotated[Path, typer.Argument(help="run.toml of a run, or one of your own.")],
-    out: Annotated[Path | None, typer.Option(help="Another folder than the record names.")] = None,
-    overwrite: Overwrite = False,
-    quiet: Quiet = False,
-) -> None:
-    """Repeat or resume a run from its record."""
-    run_record(load_record(record, out), overwrite=overwrite, quiet=quiet)
-
-
-def plan(record: Annotated[Path, typer.Argument(help="run.toml of a run, or one of your own.")]) -> None:
-    """Show tiles, passes, halos and memory of a run before any work."""
-    run_record(load_record(record, None), overwrite=False, quiet=True, plan_only=True)
-
-
-def status(folder: Annotated[Path, typer.Argument(help="Folder of a run.")]) -> None:
-    """Say what a run folder holds and how far an unfinished run is."""
-    from importlib import import_module
-
-    from tilepipe.engine.run import STATE, status
-
-    found = status(folder)
-    print(f"{folder}: {found['state']}")
-    if found["state"] == "unfinished":
-        sizes = import_module(f"tilepipe.pipelines.{found['record']['command']}.recipe").pass_sizes(found["record"])
-        for name, total in sizes.items():
-            print(f"  {name}: {found['passes'].get(name, 0)} of {total} tiles done")
-        print(f"  resume with: tilepipe run {folder / STATE / 'run.toml'}")
-    elif found["state"] == "finished":
-        for item in sorted(folder.iterdir()):
-            print(f"  {item.name}  {item.stat().st_size:,} bytes")

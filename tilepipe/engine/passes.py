@@ -26,8 +26,8 @@ TileFunction = Callable[[Any, Tile], Facts]
 
 
 @dataclass(frozen=True)
-class Pass:
-    """A computation that runs on every tile.
+class BoundPass:
+    """A pass with all that one run gives it.
 
     Attributes
     ----------
@@ -43,8 +43,6 @@ class Pass:
         Width in pixels that the function reads around a core.
     writes
         State arrays that the function fills, by name.
-    bytes_per_pixel
-        Peak working memory of the function per pixel of the padded window, for planning.
     backend
         Whose arrays the function works on.
     device_memory
@@ -57,34 +55,28 @@ class Pass:
     grid: TileGrid
     halo: int
     writes: Mapping[str, StateArray] = field(default_factory=dict)
-    bytes_per_pixel: int = 16
     backend: Backend = "numpy"
     device_memory: int = 8 << 30
 
-    def memory(self) -> int:
-        """Peak working memory of one tile in bytes, halo included."""
-        rows, columns = (min(t + 2 * self.halo, s) for t, s in zip(self.grid.tile_shape, self.grid.shape, strict=True))
-        return rows * columns * self.bytes_per_pixel
 
-
-def _run_tile(pass_: Pass, folder: Path, tile: Tile) -> int:
+def _run_tile(bound: BoundPass, folder: Path, tile: Tile) -> int:
     """Compute one tile and record it; runs on a worker."""
-    compute = partial(_facts_on_host, pass_, tile)
-    facts = compute() if pass_.backend == "numpy" else on_device(compute, tile, pass_.device_memory)
+    compute = partial(_facts_on_host, bound, tile)
+    facts = compute() if bound.backend == "numpy" else on_device(compute, tile, bound.device_memory)
     Ledger(folder).record(tile.name, facts)
     return tile.number
 
 
-def _facts_on_host(pass_: Pass, tile: Tile) -> Facts:
-    return {name: to_host(value) for name, value in pass_.function(pass_.context, tile).items()}
+def _facts_on_host(bound: BoundPass, tile: Tile) -> Facts:
+    return {name: to_host(value) for name, value in bound.function(bound.context, tile).items()}
 
 
-def run_pass(pass_: Pass, state: Path, executor: Executor, progress: Progress, *, verify: bool = True) -> Ledger:
+def run_pass(bound: BoundPass, state: Path, executor: Executor, progress: Progress, *, verify: bool = True) -> Ledger:
     """Run a pass on all tiles that are not done yet.
 
     Parameters
     ----------
-    pass_
+    bound
         The pass.
     state
         Folder of the run's state; the pass keeps its ledger in ``state/<name>``.
@@ -105,22 +97,22 @@ def run_pass(pass_: Pass, state: Path, executor: Executor, progress: Progress, *
     TileError
         When tiles failed; all others are finished before it is raised, and it names them.
     """
-    ledger = Ledger(state / pass_.name)
-    for array in pass_.writes.values():
+    ledger = Ledger(state / bound.name)
+    for array in bound.writes.values():
         array.create()
-    tiles = list(pass_.grid.tiles(pass_.halo))
+    tiles = list(bound.grid.tiles(bound.halo))
     marked = ledger.done()
-    finished = {t.number for t in tiles if t.name in marked and (not verify or _verified(pass_, ledger, t))}
+    finished = {t.number for t in tiles if t.name in marked and (not verify or _verified(bound, ledger, t))}
     todo = [tile for tile in tiles if tile.number not in finished]
-    progress.start(pass_.name, len(tiles), len(finished))
+    progress.start(bound.name, len(tiles), len(finished))
     failures: list[tuple[Tile, BaseException]] = []
-    for tile, _, error in executor.run(partial(_run_tile, pass_, ledger.folder), todo):
+    for tile, _, error in executor.run(partial(_run_tile, bound, ledger.folder), todo):
         if error is None:
-            progress.advance(pass_.name)
+            progress.advance(bound.name)
         else:
             failures.append((tile, error))
     if failures:
-        raise _tile_error(pass_.name, failures, len(tiles))
+        raise _tile_error(bound.name, failures, len(tiles))
     return ledger
 
 
@@ -139,10 +131,10 @@ def _tile_error(name: str, failures: Sequence[tuple[Tile, BaseException]], total
     return failed
 
 
-def _verified(pass_: Pass, ledger: Ledger, tile: Tile) -> bool:
+def _verified(bound: BoundPass, ledger: Ledger, tile: Tile) -> bool:
     """Whether a tile marked as done is whole on disk; if not it is forgotten."""
     try:
-        whole = is_whole(pass_.writes, tile, ledger.facts(tile.name))
+        whole = is_whole(bound.writes, tile, ledger.facts(tile.name))
     except Exception:
         whole = False
     if not whole:

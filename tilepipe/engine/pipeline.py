@@ -1,162 +1,222 @@
-"""What every pipeline does around its own passes: check, begin or resume a run, publish, remember."""
+"""A pipeline as one object: its inputs, its passes, its layers, and the recipe that strings them together.
+
+Command line, plan, status, report, scores and documentation follow from the object alone, so that a package of others
+adds a pipeline by declaring one.
+"""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
-from functools import cached_property
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 from pydantic import BaseModel
 
-from tilepipe import __version__
-from tilepipe.engine.options import RunOptions
-from tilepipe.engine.passes import Pass, TileFunction
-from tilepipe.engine.planning import Plan
-from tilepipe.engine.progress import Progress, Silent
-from tilepipe.engine.run import Record, Run, absolute_name, open_run
-from tilepipe.engine.state import StateArray
-from tilepipe.io.formats import convert
-from tilepipe.io.raster import Raster
+from tilepipe.engine.inputs import Input
+from tilepipe.engine.layers import Layer, RasterLayer, TableLayer
+from tilepipe.engine.passes import TileFunction
 from tilepipe.tiling.grid import TileGrid
-from tilepipe_kernels.core.arrays import Backend, device_memory
 
-PICTURES = ("quicklook.png", "quicklook_detail.png", "quicklook_buildings.png", "report.html")
+if TYPE_CHECKING:
+    from tilepipe.engine.request import OpenInputs
+    from tilepipe.engine.work import Work
+
+DEFAULT_PICTURES = "tilepipe.report.default:pictures"
 
 
 @dataclass(frozen=True)
-class Job(ABC):
-    """A checked request to run a pipeline.
+class Setting:
+    """What the passes of a run depend on: known before any work, and from the record of a run alone.
 
     Attributes
     ----------
-    raster
-        The input mosaic.
     parameters
-        Of the method.
-    options
-        How to run.
-    crs, band
-        As asked for.
-    others
-        Further rasters by the name that the record's inputs give them.
+        Of the pipeline.
+    shape
+        Rows and columns of the raster.
+    resolution
+        Pixel size in metres.
+    tile
+        Side of a tile in pixels, as asked for.
+    inputs
+        Names of the further inputs that were given.
+    found
+        What opening the inputs has told, by the names that it has in the record.
     """
 
-    command: ClassVar[str]
-    rasters: ClassVar[tuple[str, ...]]
-    tables: ClassVar[tuple[str, ...]]
-    seeded: ClassVar[bool]
+    parameters: Any
+    shape: tuple[int, int]
+    resolution: float
+    tile: int
+    inputs: frozenset[str] = frozenset()
+    found: Mapping[str, Any] = field(default_factory=dict)
 
-    raster: Raster
-    parameters: BaseModel
-    options: RunOptions
-    crs: str | None
-    band: int | None
-    others: dict[str, Raster] = field(default_factory=dict, kw_only=True)
 
-    @abstractmethod
-    def plan(self) -> Plan:
-        """What a run will do and need."""
+@dataclass(frozen=True)
+class State:
+    """A raster that a pass leaves for later ones.
 
-    @abstractmethod
-    def layers(self, run: Run) -> list[Path]:
-        """Passes and reconciliations; returns the finished layers in the state folder."""
+    Attributes
+    ----------
+    dtype
+        Type of its values.
+    fill
+        Value of what has not been written.
+    per_cell
+        Whether it has a value for each cell of the pipeline (see `Pipeline.cell`) instead of each pixel.
+    """
 
-    @cached_property
-    def backend(self) -> Backend:
-        """The backend of the passes, as resolved."""
-        return self.options.resolved_backend()
+    dtype: str
+    fill: int = 0
+    per_cell: bool = False
+
+
+Amount = int | Callable[[Setting], int]
+"""A number of pixels or bytes, or how it follows from the setting."""
+
+_UNDECLARED = -1
+
+
+def _always(_: Setting) -> bool:
+    return True
+
+
+def _one_pixel(_: Setting) -> tuple[int, int]:
+    return 1, 1
+
+
+@dataclass(frozen=True)
+class Pass:
+    """A computation that runs on every tile.
+
+    Attributes
+    ----------
+    name
+        Name in messages, progress, plans and the state folder.
+    function
+        Module-level function ``function(context, tile) -> facts``; it writes state by `engine.state.write_state`.
+    halo
+        Width in pixels that the function reads around the core of a tile; 0 where it reads nothing.
+    bytes_per_pixel
+        Peak working memory of the function per pixel that it reads.
+    writes
+        State that the function fills, by name.
+    needed
+        Whether a run has this pass; by default every run.
+    on_device
+        Whether the function works on arrays of the run's backend; else it works on the host.
+    """
+
+    name: str
+    function: TileFunction
+    halo: Amount = _UNDECLARED
+    bytes_per_pixel: Amount = _UNDECLARED
+    writes: Mapping[str, State] = field(default_factory=dict)
+    needed: Callable[[Setting], bool] = _always
+    on_device: bool = True
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pipeline:
+    """A way from rasters to layers.
+
+    Attributes
+    ----------
+    name
+        Name of its command.
+    summary
+        One line for ``--help``.
+    parameters
+        Model of its parameters; their descriptions are the documentation.
+    passes
+        All passes that a run may have, in their order.
+    layers
+        All layers that a run may publish.
+    recipe
+        What a run does: passes, reconciliations between them, and the files of its layers in the state folder.
+    inputs
+        Rasters beside the main ones.
+    cell
+        Rows and columns of the cells, in pixels, that no tile may cut; by default single pixels.
+    open_inputs
+        Opens and checks what was given; by default the main rasters as one mosaic and the others aligned to it.
+    check
+        Raises `InputError` for a setting that the method cannot work with.
+    seeded
+        Whether results depend on ``--seed``.
+    bytes_per_megapixel
+        What reconciliations hold for the whole raster.
+    pictures
+        ``module:function`` that draws a finished run, ``function(folder) -> list of paths``.
+
+    Raises
+    ------
+    ValueError
+        When two passes, layers or inputs have one name, or a pass does not say what it reads or needs.
+    """
+
+    name: str
+    summary: str
+    parameters: type[BaseModel]
+    passes: tuple[Pass, ...]
+    layers: tuple[Layer, ...]
+    recipe: Callable[[Work], Iterable[Path]]
+    inputs: tuple[Input, ...] = ()
+    cell: Callable[[Setting], tuple[int, int]] = _one_pixel
+    open_inputs: OpenInputs | None = None
+    check: Callable[[Setting], None] | None = None
+    seeded: bool = False
+    bytes_per_megapixel: int = 800_000
+    pictures: str = DEFAULT_PICTURES
+
+    def __post_init__(self) -> None:
+        for kind, names in (
+            ("pass", [item.name for item in self.passes]),
+            ("state", [name for item in self.passes for name in item.writes]),
+            ("layer", [layer.name for layer in self.layers]),
+            ("input", [name for item in self.inputs for name in {item.name, item.option}]),
+        ):
+            if twice := [name for name, count in Counter(names).items() if count > 1]:
+                raise ValueError(f"pipeline '{self.name}' declares the {kind} '{twice[0]}' twice")
+        if not self.passes:
+            raise ValueError(f"pipeline '{self.name}' declares no pass")
+        for item in self.passes:
+            where = f"pass '{item.name}' of pipeline '{self.name}'"
+            if not _is_amount(item.halo):
+                raise ValueError(f"{where} has no halo: give the pixels that it reads around a tile, 0 for none")
+            if not _is_amount(item.bytes_per_pixel):
+                raise ValueError(f"{where} has no bytes_per_pixel: give its working memory for each pixel it reads")
+
+    def grid(self, setting: Setting) -> TileGrid:
+        """Tiling of the raster: tiles of whole cells, nearly of the size asked for."""
+        rows, columns = (max(side, setting.tile // side * side) for side in self.cell(setting))
+        return TileGrid(setting.shape, (rows, columns))
+
+    def needed_passes(self, setting: Setting) -> list[Pass]:
+        """Passes of a run in this setting, in their order."""
+        return [item for item in self.passes if item.needed(setting)]
 
     @property
-    def resolution(self) -> float:
-        """Pixel size in metres."""
-        return self.raster.geometry.resolution
+    def scored(self) -> list[TableLayer]:
+        """Tables that can be scored, the best first."""
+        return [layer for layer in self.layers if isinstance(layer, TableLayer) and layer.scored]
 
     @property
-    @abstractmethod
-    def tile_shape(self) -> tuple[int, int]:
-        """Rows and columns of a tile."""
+    def extent(self) -> RasterLayer | None:
+        """Raster whose nodata is that of the input."""
+        return next((layer for layer in self.layers if isinstance(layer, RasterLayer)), None)
 
-    @property
-    @abstractmethod
-    def grid(self) -> TileGrid:
-        """Tiling of the raster."""
-
-    def device_pass(
-        self,
-        name: str,
-        function: TileFunction,
-        context: Any,
-        halo: int,
-        writes: Mapping[str, StateArray] | None = None,
-        *,
-        bytes_per_pixel: int,
-    ) -> Pass:
-        """A pass that works on arrays of the run's backend; its context has been told the same one."""
-        return Pass(
-            name, function, context, self.grid, halo, writes or {}, bytes_per_pixel, self.backend,
-            self.options.device_memory,
-        )  # fmt: skip
-
-    def run(self, out: str | Path, progress: Progress | None) -> list[Path]:
-        """Run or resume in a folder; returns the published layers."""
-        plan = self.plan()
-        plan.check(self.options)
-        if self.backend == "cupy" and not self.options.uses_cluster:
-            plan.check_device(device_memory(), self.options)
-        record = self.record(out)
-        with open_run(Path(out).absolute(), record, self.identity(), self.options, progress or Silent()) as run:
-            layers = self.layers(run)
-            run.publish(layers, record, keep=self._all_names())
-            return [run.folder / layer.name for layer in layers]
-
-    def convert(self, run: Run, tables: Sequence[Path]) -> list[Path]:
-        """Finished tables in the format asked for; one at a time, since GDAL's options are global."""
-        form = self.options.format
-        if form == "parquet":
-            return list(tables)
-        with run.timed("convert"):
-            return [convert(path, form) for path in tables]
-
-    def _all_names(self) -> tuple[str, ...]:
-        tables = [f"{name}.{suffix}" for name in self.tables for suffix in ("parquet", "gpkg", "fgb", "geojson")]
-        return (*self.rasters, *tables, *PICTURES)
-
-    def identity(self) -> Record:
-        """Everything that decides the state on disk."""
-        sources = [member.source for raster in (self.raster, *self.others.values()) for member in raster.members]
-        of_device = {"backend": self.backend} if self.backend == "cupy" else {}
-        return (
-            {
-                "command": self.command,
-                "version": __version__,
-                "sources": [f"{absolute_name(source.name)} {source.stamp}" for source in sources],
-                "raster": asdict(self.raster.geometry) | {"tile": list(self.tile_shape), "band": self.band},
-                "parameters": self.parameters.model_dump(),
-            }
-            | ({"seed": self.options.seed} if self.seeded else {})
-            | of_device
-        )
-
-    def record(self, out: str | Path) -> Record:
-        """Everything as resolved, for ``run.toml``."""
-        options = asdict(self.options) | {"backend": self.backend}
-        options.pop("overwrite")
-        inputs: dict[str, Any] = {"rasters": [absolute_name(name) for name in self.raster.names]}
-        inputs |= {key: [absolute_name(name) for name in raster.names] for key, raster in self.others.items()}
-        return {
-            "command": self.command,
-            "version": __version__,
-            "out": str(Path(out).absolute()),
-            "inputs": inputs | {"crs": self.crs, "band": self.band},
-            "raster": asdict(self.raster.geometry) | {"tile": list(self.tile_shape)},
-            "options": options,
-            "parameters": self.parameters.model_dump(),
-        }
+    def table(self, name: str) -> TableLayer:
+        """One of its tables."""
+        return next(layer for layer in self.layers if isinstance(layer, TableLayer) and layer.name == name)
 
 
-def as_list(items: Any) -> list[Any]:
-    """One or many inputs as a list."""
-    return list(items) if isinstance(items, (list, tuple)) else [items]
+def _is_amount(value: object) -> bool:
+    return callable(value) or (isinstance(value, int) and value >= 0)
+
+
+def amount(value: Amount, setting: Setting) -> int:
+    """A number of pixels or bytes in a setting."""
+    return value(setting) if callable(value) else value

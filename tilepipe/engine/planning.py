@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 from tilepipe.engine.options import RunOptions, format_memory
-from tilepipe.engine.passes import Pass
+from tilepipe.engine.pipeline import Pass, Pipeline, Setting, amount
 from tilepipe.errors import InputError
-from tilepipe.io.raster import Raster
+from tilepipe.tiling.grid import TileGrid
 
 _BASE = 500 << 20
 """Memory of the interpreter, the libraries and the kernels, compiled on first use."""
@@ -25,9 +24,6 @@ _PER_SEAM_PIXEL = 160
 
 _PER_TILE = 1 << 20
 """Global facts that do not depend on the tile's size, in bytes."""
-
-_PER_MEGAPIXEL = 800_000
-"""Fragment tables and the batch of lines being written, in bytes per Mpx of raster."""
 
 
 @dataclass(frozen=True)
@@ -99,11 +95,11 @@ class Plan:
         InputError
             Says how much is needed and what would fit.
         """
-        job = max(self.passes, key=lambda item: item.memory)
-        if job.memory > available:
+        hungriest = max(self.passes, key=lambda item: item.memory)
+        if hungriest.memory > available:
             fewer = f" or fewer workers than {self.workers}" if self.workers > 1 else ""
             raise InputError(
-                f"pass {job.name} needs about {format_memory(job.memory)} of the GPU's memory, which has "
+                f"pass {hungriest.name} needs about {format_memory(hungriest.memory)} of the GPU's memory, which has "
                 f"{format_memory(available)}; use a smaller --tile than {options.tile}{fewer}"
             )
 
@@ -141,41 +137,46 @@ def counted(number: int, thing: str) -> str:
     return f"{number} {thing}{'' if number == 1 else 's'}"
 
 
-def plan_passes(
-    command: str,
-    raster: Raster,
-    passes: Sequence[Pass],
-    options: RunOptions,
-    per_megapixel: int = _PER_MEGAPIXEL,
-) -> Plan:
-    """Plan a run of several passes on one tiling; ``per_megapixel`` bytes are held for the whole raster."""
-    grid = passes[0].grid
+def plan_run(pipeline: Pipeline, setting: Setting, options: RunOptions) -> Plan:
+    """Plan a run in a setting: the passes that it needs, on its tiling.
+
+    Parameters
+    ----------
+    pipeline
+        What is to run.
+    setting
+        What its passes depend on.
+    options
+        How to run.
+
+    Raises
+    ------
+    ValueError, OverflowError
+        When the halo of a pass does not exist for these parameters at this resolution.
+    """
+    grid = pipeline.grid(setting)
     rows, columns = grid.counts
     seams = (rows - 1) * grid.shape[1] + (columns - 1) * grid.shape[0]
-    megapixels = math.prod(grid.shape) / 1e6
-    global_memory = int(2 * seams * _PER_SEAM_PIXEL + len(grid) * _PER_TILE // 16 + megapixels * per_megapixel)
+    held = int(math.prod(grid.shape) / 1e6 * pipeline.bytes_per_megapixel)
     workers = min(options.workers, len(grid))
-    plans = tuple(
-        PassPlan(
-            job.name,
-            job.halo,
-            math.prod(min(t + 2 * job.halo, s) for t, s in zip(grid.tile_shape, grid.shape, strict=True))
-            / math.prod(min(t, s) for t, s in zip(grid.tile_shape, grid.shape, strict=True))
-            - 1,
-            job.memory() * workers,
-        )
-        for job in passes
-    )
     return Plan(
-        command,
-        grid.shape,
-        raster.geometry.resolution,
-        grid.tile_shape,
-        len(grid),
-        workers,
-        options.executor == "processes",
-        plans,
-        global_memory,
-        _EXPORT + _EXPORT_PER_COLUMN * grid.shape[1],
-        options.memory,
+        command=pipeline.name,
+        shape=grid.shape,
+        resolution=setting.resolution,
+        tile_shape=grid.tile_shape,
+        tiles=len(grid),
+        workers=workers,
+        processes=options.executor == "processes",
+        passes=tuple(_plan_pass(item, setting, grid, workers) for item in pipeline.needed_passes(setting)),
+        global_memory=2 * seams * _PER_SEAM_PIXEL + len(grid) * _PER_TILE // 16 + held,
+        export_memory=_EXPORT + _EXPORT_PER_COLUMN * grid.shape[1],
+        limit=options.memory,
     )
+
+
+def _plan_pass(declared: Pass, setting: Setting, grid: TileGrid, workers: int) -> PassPlan:
+    halo = amount(declared.halo, setting)
+    core = math.prod(min(tile, side) for tile, side in zip(grid.tile_shape, grid.shape, strict=True))
+    padded = math.prod(min(tile + 2 * halo, side) for tile, side in zip(grid.tile_shape, grid.shape, strict=True))
+    memory = padded * amount(declared.bytes_per_pixel, setting) * workers
+    return PassPlan(declared.name, halo, padded / core - 1, memory)

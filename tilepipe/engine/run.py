@@ -20,7 +20,7 @@ from typing import IO, Any, TypeVar
 from tilepipe.engine.executors import Executor, open_executor
 from tilepipe.engine.ledger import Ledger
 from tilepipe.engine.options import RunOptions
-from tilepipe.engine.passes import Pass, run_pass
+from tilepipe.engine.passes import BoundPass, run_pass
 from tilepipe.engine.progress import Progress
 from tilepipe.errors import InputError
 from tilepipe.io.atomic import atomic_write_bytes
@@ -67,10 +67,10 @@ class Run:
         self.progress = progress
         self.timings: dict[str, float] = {}
 
-    def run_pass(self, pass_: Pass) -> Ledger:
+    def run_pass(self, bound: BoundPass) -> Ledger:
         """Run a pass on all tiles; returns its ledger."""
-        with self.timed(pass_.name):
-            return run_pass(pass_, self.state, self.executor, self.progress)
+        with self.timed(bound.name):
+            return run_pass(bound, self.state, self.executor, self.progress)
 
     @contextmanager
     def beside(self, function: Callable[..., Result], *arguments: Any) -> Iterator[Future[Result]]:

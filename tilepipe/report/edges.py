@@ -217,8 +217,8 @@ def _background(run: _EdgesRun, bounds: Bounds) -> tuple[NDArray[np.uint8], str]
 def _photograph(run: _EdgesRun, window: Window) -> NDArray[np.float32]:
     """Grey values of the inputs as the run has seen them."""
     from tilepipe.io.record import RECORD, read_record
+    from tilepipe.pipelines.edges.layers import IMAGE_SUMMARY
     from tilepipe.pipelines.edges.pass_bands import open_photograph
-    from tilepipe.pipelines.edges.recipe import SUMMARY
 
     record = read_record(run.folder / RECORD)
     inputs = record["inputs"]
@@ -228,7 +228,7 @@ def _photograph(run: _EdgesRun, window: Window) -> NDArray[np.float32]:
     )
     if photograph.raster.shape != run.shape:
         raise InputError("the inputs have changed since the run")
-    weights = json.loads((run.folder / SUMMARY).read_text(encoding="utf-8"))["band_weights"]
+    weights = json.loads((run.folder / IMAGE_SUMMARY.name).read_text(encoding="utf-8"))["band_weights"]
     return replace(photograph, weights=tuple(weights)).read(window)
 
 

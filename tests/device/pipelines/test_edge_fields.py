@@ -11,6 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.scenes import write_raster
+from tilepipe.engine.pipeline import Setting
 from tilepipe.engine.state import StateArray
 from tilepipe.pipelines.edges.parameters import edge_parameters
 from tilepipe.pipelines.edges.pass_bands import Photograph, open_photograph
@@ -19,6 +20,7 @@ from tilepipe.pipelines.edges.pass_levels import CountContext, LevelScale, count
 from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import TileGrid
 from tilepipe_kernels.core.arrays import Backend, on_device, to_host
+from tilepipe_kernels.nevatia_babu import elements
 
 SHAPE, TILE = (20, 22), (12, 12)
 
@@ -46,7 +48,7 @@ def assert_same(there: Facts, here: Facts) -> None:
 
 def test_counts_are_those_of_the_cpu(photograph: Photograph) -> None:
     context = CountContext(photograph, True)
-    tile = TileGrid(SHAPE, TILE).tile(3, context.halo)
+    tile = TileGrid(SHAPE, TILE).tile(3, elements.halo())
     here, there = count_greys(context, tile), count_greys(replace(context, backend="cupy"), tile)
     assert on_device(*there.values()) and here["edge:counts"].sum() > 0
     assert_same(there, here)
@@ -71,7 +73,7 @@ def test_facts_and_fields_are_those_of_the_cpu(photograph: Photograph, tmp_path:
         levels.create()
         lines.create()
         context = FieldContext(photograph, scale, parameters, levels, lines, 5.0, 0, backend)
-        tile = grid.tile(3, halo(parameters))
+        tile = grid.tile(3, halo(Setting(parameters, SHAPE, 1.0, TILE[0])))
         found[backend] = find_fields(context, tile), levels.read(tile.core), lines.read(tile.core)
     here, there = found["numpy"], found["cupy"]
     assert_same(there[0], here[0])

@@ -9,10 +9,11 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.scenes import write_raster
+from tilepipe.engine.pipeline import Setting
 from tilepipe.engine.state import StateArray
 from tilepipe.io.raster import open_raster
 from tilepipe.pipelines.objects.parameters import object_parameters
-from tilepipe.pipelines.objects.pass_leaves import LeafContext, find_leaves
+from tilepipe.pipelines.objects.pass_leaves import LeafContext, find_leaves, halo
 from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import TileGrid
 from tilepipe_kernels.core.arrays import Backend, on_device, to_host
@@ -39,7 +40,7 @@ def test_facts_and_labels_are_those_of_the_cpu(tmp_path: Path, buildings: bool) 
         labels = StateArray(tmp_path / f"{backend}.zarr", grid, "int32")
         labels.create()
         context = LeafContext(raster, parameters, grid, labels, backend)
-        tile = grid.tile(3, context.halo)
+        tile = grid.tile(3, halo(Setting(parameters, raster.shape, 1.0, 16)))
         found[backend] = find_leaves(context, tile), labels.read(tile.core)
     (here, labels_here), (there, labels_there) = found["numpy"], found["cupy"]
     np.testing.assert_array_equal(labels_here, labels_there)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +12,10 @@ from numpy.typing import NDArray
 from rasterio.transform import from_origin
 
 from tilepipe import InputError, RunOptions, edges, plan_edges
+from tilepipe.engine import passes
 from tilepipe.errors import TileError
 from tilepipe.pipelines.edges.parameters import edge_parameters
+from tilepipe.tiling.grid import Tile
 from tilepipe_kernels.mrf.edge_energy import energy
 
 LAYERS = ("segments.tif", "lines.tif", "edges.parquet", "nevatia_babu.parquet", "edges.json")
@@ -89,22 +90,21 @@ def test_tiling_does_not_show_with_any_choice(scene: Path, tmp_path: Path, choic
     same(tmp_path / "256", tmp_path / "70")
 
 
-@pytest.mark.parametrize("stage", ["count_greys", "find_fields"])
+@pytest.mark.parametrize("stage", ["levels", "fields"])
 def test_a_failed_run_resumes(
     scene: Path, whole: Path, tmp_path: Path, stage: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    module = import_module("tilepipe.pipelines.edges.recipe")
-    function, calls = getattr(module, stage), []
+    run_tile, calls = passes._run_tile, []
 
-    def failing(context: object, tile: object) -> object:
-        calls.append(tile)
-        if len(calls) == 4:
+    def failing(bound: passes.BoundPass, folder: Path, tile: Tile) -> int:
+        calls.append(bound.name)
+        if bound.name == stage and sum(call == bound.name for call in calls) == 4:
             raise RuntimeError("the lights went out")
-        return function(context, tile)
+        return run_tile(bound, folder, tile)
 
     options = RunOptions(tile=64, workers=1)
     with monkeypatch.context() as patched:
-        patched.setattr(module, stage, failing)
+        patched.setattr(passes, "_run_tile", failing)
         with pytest.raises(TileError, match="the lights went out"):
             edges(scene, out=tmp_path / "run", params=FEW, options=options)
     assert not (tmp_path / "run" / "edges.parquet").exists()

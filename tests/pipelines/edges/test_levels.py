@@ -20,6 +20,7 @@ from tilepipe.tiling.grid import TileGrid, Window
 from tilepipe.tiling.histograms import added
 from tilepipe_kernels.image.grey_levels import LEVEL_STEPS, to_levels
 from tilepipe_kernels.image.histogram import class_means
+from tilepipe_kernels.nevatia_babu import elements as edge_elements
 
 WHOLE = Window(0, 0, 40, 60)
 
@@ -134,7 +135,7 @@ def test_levels_are_linear_between_the_means(means, seed):
 
 def found(photograph, size):
     context = CountContext(photograph, nevatia_babu=True)
-    facts = [count_greys(context, tile) for tile in TileGrid((40, 60), size).tiles(context.halo)]
+    facts = [count_greys(context, tile) for tile in TileGrid((40, 60), size).tiles(edge_elements.halo())]
     scale = level_scale(added(facts, "grey"), added(facts, "difference"), edge_parameters({"levels": 2}), "photo.tif")
     return scale, edge_threshold(added(facts, "edge"), None)
 

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from tests.scenes import write_raster
 from tilepipe import InputError, objects, plan_objects
-from tilepipe.pipelines.objects.building_table import BUILDING_COLUMNS, without_holes
+from tilepipe.pipelines.objects.building_table import without_holes
+from tilepipe.pipelines.objects.layers import BUILDINGS
 
 geopandas = pytest.importorskip("geopandas")
 shapely = pytest.importorskip("shapely")
@@ -63,7 +64,7 @@ def test_houses_are_found_and_trees_are_not(found: Path) -> None:
 
 def test_columns_say_what_the_scene_has(found: Path) -> None:
     table = geopandas.read_parquet(found / "buildings.parquet")
-    assert list(table.columns) == [*BUILDING_COLUMNS, "geometry"]
+    assert list(table.columns) == [*BUILDINGS.columns, "geometry"]
     assert table.geometry.is_valid.all() and (table.geom_type == "MultiPolygon").all()
     np.testing.assert_allclose(table.area_m2, table.geometry.area)
     np.testing.assert_allclose(table.perimeter_m, table.geometry.length)
@@ -110,7 +111,7 @@ def test_what_stands_in_a_filled_hole_is_part_of_the_whole() -> None:
 
 def test_a_scene_without_houses_has_an_empty_table(tmp_path: Path) -> None:
     table = geopandas.read_parquet(run(village(houses=False)[0], tmp_path) / "buildings.parquet")
-    assert len(table) == 0 and list(table.columns) == [*BUILDING_COLUMNS, "geometry"]
+    assert len(table) == 0 and list(table.columns) == [*BUILDINGS.columns, "geometry"]
 
 
 def test_a_scene_without_trees_keeps_its_houses(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tilepipe.evaluate.polygons import AreaScore, evaluate_polygons
-from tilepipe.pipelines.objects.recipe import objects
+from tilepipe.pipelines.objects.pipeline import objects
 from tilepipe.pipelines.points.recipe import grid_clouds
 
 shapely = pytest.importorskip("shapely")

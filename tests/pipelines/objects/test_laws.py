@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 
 from tests.scenes import write_raster
 from tilepipe import InputError, RunOptions, objects, plan_objects
+from tilepipe.engine import passes
 from tilepipe.errors import TileError
+from tilepipe.tiling.grid import Tile
 
 LAYERS = ("regions.tif", "objects.parquet", "boundaries.parquet", "buildings.parquet", "convergence.json")
 FEW = {"burn_in": 10, "draws": 30, "largest_building": 40.0}
@@ -56,24 +58,21 @@ def test_tiling_and_workers_do_not_show(
         assert (tmp_path / "run" / name).read_bytes() == whole[name], name
 
 
-@pytest.mark.parametrize("stage", ["find_leaves", "trace_borders"])
+@pytest.mark.parametrize("stage", ["leaves", "borders"])
 def test_a_failed_run_resumes(
     scene: Path, whole: dict[str, bytes], tmp_path: Path, stage: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from tilepipe.pipelines.objects import pass_borders, pass_leaves
+    run_tile, calls = passes._run_tile, []
 
-    module = pass_leaves if stage == "find_leaves" else pass_borders
-    function, calls = getattr(module, stage), []
-
-    def failing(context: object, tile: object) -> object:
-        calls.append(tile)
-        if len(calls) == 6:
+    def failing(bound: passes.BoundPass, folder: Path, tile: Tile) -> int:
+        calls.append(bound.name)
+        if bound.name == stage and sum(call == bound.name for call in calls) == 6:
             raise RuntimeError("the lights went out")
-        return function(context, tile)
+        return run_tile(bound, folder, tile)
 
     options = RunOptions(tile=64, workers=1)
     with monkeypatch.context() as patched:
-        patched.setattr(module, stage, failing)
+        patched.setattr(passes, "_run_tile", failing)
         with pytest.raises(TileError, match="the lights went out"):
             objects(scene, out=tmp_path / "run", params=FEW, options=options)
     assert not (tmp_path / "run" / "objects.parquet").exists()

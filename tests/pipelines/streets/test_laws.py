@@ -19,7 +19,7 @@ from tilepipe.engine import passes
 from tilepipe.engine.options import RunOptions
 from tilepipe.engine.run import STATE
 from tilepipe.errors import InputError, TileError
-from tilepipe.pipelines.streets.recipe import streets
+from tilepipe.pipelines.streets.pipeline import streets
 
 SHAPE = (90, 110)
 

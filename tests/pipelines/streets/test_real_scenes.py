@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tilepipe.pipelines.points.recipe import grid_clouds
-from tilepipe.pipelines.streets.recipe import streets
+from tilepipe.pipelines.streets.pipeline import streets
 
 shapely = pytest.importorskip("shapely")
 geopandas = pytest.importorskip("geopandas")

@@ -11,6 +11,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from tilepipe.engine.pipeline import Pass, Setting
+from tilepipe.engine.work import Work
 from tilepipe.errors import InputError
 from tilepipe.io.raster import Raster, open_raster
 from tilepipe.io.sources import ARRAY
@@ -108,6 +110,21 @@ def sample_bands(photograph: Photograph, tile: Tile) -> Facts:
     site = (rows[:, None] * photograph.raster.shape[1] + columns).reshape(-1)
     valid = ~np.isnan(values).any(axis=1)
     return {"site": site[valid], "sample": values[valid]}
+
+
+def _needs_principal_component(setting: Setting) -> bool:
+    return bool(setting.found["grey"] == PRINCIPAL_COMPONENT)
+
+
+BANDS = Pass("bands", sample_bands, halo=0, bytes_per_pixel=16, needed=_needs_principal_component, on_device=False)
+
+
+def grey_photograph(run: Work) -> Photograph:
+    """The photograph with the weights of its bands, which a principal component needs a pass for."""
+    photograph: Photograph = run.source
+    if photograph.weights is not None:
+        return photograph
+    return photograph.with_principal_component(run.over_tiles(BANDS, photograph).each())
 
 
 def open_photograph(inputs: Sequence[Any], *, crs: str | None, band: int | None, grey: Grey) -> Photograph:

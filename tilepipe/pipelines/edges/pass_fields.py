@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tilepipe.engine.pipeline import Pass, Setting, State
 from tilepipe.engine.state import StateArray, write_state
+from tilepipe.engine.work import Work
+from tilepipe.pipelines.edges.layers import LINES, NODATA, SEGMENTS
 from tilepipe.pipelines.edges.parameters import EdgeParameters
 from tilepipe.pipelines.edges.pass_bands import Photograph
 from tilepipe.pipelines.edges.pass_levels import LevelScale
@@ -23,9 +27,6 @@ from tilepipe_kernels.mrf.lines import minimise as line_field
 from tilepipe_kernels.nevatia_babu import links
 from tilepipe_kernels.polylines import crack_lines
 from tilepipe_kernels.polylines.join import Chains, end_points, place_numbers, taken
-
-NODATA = 255
-"""Level and lines of a pixel without data."""
 
 ELEMENT_COLUMNS = ("pixel", "direction", "magnitude", "links")
 PIECE_COLUMNS = ("offsets", "vertices", "cut", "contrast", "step")
@@ -44,14 +45,28 @@ class FieldContext:
     seed: int
     backend: Backend = "numpy"
 
+    @classmethod
+    def of(cls, run: Work, photograph: Photograph, scale: LevelScale, threshold: float) -> FieldContext:
+        """Of a run whose levels are known."""
+        return cls(
+            photograph,
+            scale,
+            run.parameters,
+            run.state("levels"),
+            run.state("lines"),
+            threshold,
+            run.options.seed,
+            run.backend,
+        )
+
 
 _BEYOND = 2
 """Pixels around a core whose lines its pieces and the terms of its energy depend on."""
 
 
-def halo(parameters: EdgeParameters) -> int:
+def halo(setting: Setting) -> int:
     """Pixels around a core on which its levels, lines and edge elements depend."""
-    p = parameters
+    p: EdgeParameters = setting.parameters
     annealing = Annealing(sweeps=p.sweeps)
     if p.scheme == "integrated":
         method = p.line_method
@@ -67,8 +82,9 @@ def _halo_of_lines(p: EdgeParameters) -> int:
     return line_field.halo(p.model(), p.rounds, method=p.line_method, annealing=Annealing(sweeps=p.sweeps))
 
 
-def bytes_per_pixel(parameters: EdgeParameters) -> int:
+def bytes_per_pixel(setting: Setting) -> int:
     """Peak memory of the pass per pixel, as measured: grey values, and what finding levels or both fields takes."""
+    parameters: EdgeParameters = setting.parameters
     k = parameters.levels
     levels = 60 + 18 * k if parameters.optimiser == "messages" else 36 + 4 * k
     return 16 + max(levels, 72 if parameters.scheme == "integrated" else 0)
@@ -94,6 +110,20 @@ def find_fields(context: FieldContext, tile: Tile) -> Facts:
     lines[levels[core.slices] == NODATA] = NODATA
     arrays = {"levels": context.levels, "lines": context.lines}
     return facts | write_state(arrays, tile, {"levels": levels[core.slices], "lines": lines})
+
+
+FIELDS = Pass(
+    "fields",
+    find_fields,
+    halo=halo,
+    bytes_per_pixel=bytes_per_pixel,
+    writes={"levels": State("uint8", NODATA), "lines": State("uint8", NODATA)},
+)
+
+
+def write_fields(run: Work, context: FieldContext) -> list[Path]:
+    """Write both fields into the state folder."""
+    return [run.write_raster(SEGMENTS.name, context.levels.read), run.write_raster(LINES.name, context.lines.read)]
 
 
 def _fields(

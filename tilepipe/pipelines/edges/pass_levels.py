@@ -7,12 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tilepipe.engine.ledger import Ledger
+from tilepipe.engine.pipeline import Pass, Setting
+from tilepipe.engine.work import Work
 from tilepipe.errors import InputError
 from tilepipe.pipelines.edges.parameters import EdgeParameters
 from tilepipe.pipelines.edges.pass_bands import Photograph
 from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import Tile
-from tilepipe.tiling.histograms import as_facts
+from tilepipe.tiling.histograms import added, as_facts
 from tilepipe.tiling.noise import count_differences, noise
 from tilepipe_kernels.core.arrays import Backend, to_backend
 from tilepipe_kernels.image import histogram as levels
@@ -53,14 +56,9 @@ class CountContext:
     nevatia_babu: bool
     backend: Backend = "numpy"
 
-    @property
-    def halo(self) -> int:
-        """Pixels around a core that the responses of edges depend on."""
-        return nevatia_babu.halo() if self.nevatia_babu else 1
-
 
 def count_greys(context: CountContext, tile: Tile) -> Facts:
-    """Tile function (halo of the context): histograms of grey values, of their differences, and of edge responses."""
+    """Tile function: histograms of grey values, of their differences, and of edge responses."""
     values = to_backend(context.photograph.read(tile.padded), context.backend)
     core = tile.core_in_padded.slices
     counted = {"grey": levels.histogram(values[core]), "difference": count_differences(values, tile)}
@@ -69,6 +67,22 @@ def count_greys(context: CountContext, tile: Tile) -> Facts:
         elements = nevatia_babu.thin_edges(magnitude, direction)
         counted["edge"] = nevatia_babu.count_magnitudes(magnitude[core], elements[core])
     return as_facts(counted)
+
+
+def halo(setting: Setting) -> int:
+    """Pixels around a core that differences, and the responses of edges, depend on."""
+    return nevatia_babu.halo() if setting.parameters.nevatia_babu else 1
+
+
+LEVELS = Pass("levels", count_greys, halo=halo, bytes_per_pixel=24)
+
+
+def find_levels(run: Work, ledger: Ledger) -> tuple[LevelScale, float]:
+    """Levels of the whole image, and the threshold of the classical method (0 without it)."""
+    p: EdgeParameters = run.parameters
+    counts = list(ledger.each())
+    scale = level_scale(added(counts, "grey"), added(counts, "difference"), p, run.raster.names[0])
+    return scale, edge_threshold(added(counts, "edge"), p.edge_share) if p.nevatia_babu else 0.0
 
 
 def edge_threshold(counts: NDArray[np.int64], share: float | None) -> float:

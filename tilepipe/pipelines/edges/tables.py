@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from itertools import repeat
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -10,8 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tilepipe.engine.ledger import Ledger
+from tilepipe.engine.work import Work
 from tilepipe.io.geoparquet import ParquetLineWriter
 from tilepipe.io.georeference import Geometry
+from tilepipe.pipelines.edges.layers import EDGES, NEVATIA_BABU
 from tilepipe.pipelines.edges.parameters import EdgeParameters
 from tilepipe.pipelines.edges.pass_fields import ELEMENT_COLUMNS, PIECE_COLUMNS
 from tilepipe.pipelines.edges.reconcile_lines import find_streets, smoothed
@@ -23,21 +29,11 @@ from tilepipe_kernels.nevatia_babu.links import EdgeElements
 from tilepipe_kernels.polylines.crack_lines import TICKS, LinePieces
 from tilepipe_kernels.polylines.join import Chains, Lines, end_points, join_lines, place_numbers, taken
 
-SHAPE_COLUMNS: dict[str, str] = {"length_m": "float64", "straightness": "float64", "sinuosity": "float64"}
-
-EDGE_COLUMNS: dict[str, str] = {
-    "line_id": "int64",
-    "contrast": "float64",
-    **SHAPE_COLUMNS,
-    "street_border": "bool",
-    "street_width_m": "float64",
-    "street_partner": "int64",
-    "street_share": "float64",
+_WITHOUT_LINES = {
+    EDGES.name: "lower minimum_length or raise levels (--set)",
+    NEVATIA_BABU.name: "raise edge_share or lower minimum_edge_length (--set)",
 }
-"""Columns of ``edges.parquet``; contrast in grey values of 0-255, ``street_partner`` 0 = none."""
-
-NEVATIA_BABU_COLUMNS: dict[str, str] = {"line_id": "int64", "contrast": "float64", **SHAPE_COLUMNS, "stage": "int64"}
-"""Columns of ``nevatia_babu.parquet``."""
+"""What to do when a table has no line."""
 
 
 class Shape(NamedTuple):
@@ -114,6 +110,25 @@ def long_groups(chains: Chains, lengths: NDArray[np.float64], least: float) -> N
     return sums >= least
 
 
+def write_tables(run: Work, fields: Ledger) -> list[Path]:
+    """Write the tables of both methods into the state folder; warn of one without lines."""
+    p: EdgeParameters = run.parameters
+    writers: dict[str, Callable[..., int]] = {EDGES.name: partial(write_edges, workers=run.options.workers)}
+    if p.nevatia_babu:
+        writers[NEVATIA_BABU.name] = write_nevatia_babu
+
+    def write(name: str) -> int:
+        with run.timed(f"reconcile {name}"):
+            return writers[name](run.folder / f"{name}.parquet", fields, run.geometry, p)
+
+    with ThreadPoolExecutor(min(len(writers), run.options.workers)) as pool:
+        found = dict(zip(writers, pool.map(write, writers), strict=True))
+    for name, count in found.items():
+        if not count:
+            warnings.warn(f"{name} has no line; {_WITHOUT_LINES[name]}", stacklevel=4)
+    return run.in_format([run.folder / f"{name}.parquet" for name in writers])
+
+
 def write_edges(path: Path, ledger: Ledger, geometry: Geometry, parameters: EdgeParameters, workers: int) -> int:
     """Join the lines of all tiles and write ``edges.parquet``.
 
@@ -156,7 +171,7 @@ def write_edges(path: Path, ledger: Ledger, geometry: Geometry, parameters: Edge
         "street_partner": streets.partner + 1,
         "street_share": streets.share,
     }
-    with ParquetLineWriter(path, EDGE_COLUMNS, geometry.crs) as table:
+    with ParquetLineWriter(path, EDGES.dtypes, geometry.crs) as table:
         table.append(columns, geometry.coordinates(chains.vertices), chains.offsets)
     return len(chains)
 
@@ -199,7 +214,7 @@ def write_nevatia_babu(path: Path, ledger: Ledger, geometry: Geometry, parameter
         **shape_columns(Shape(*(values[kept] for values in shape)), geometry),
         "stage": segments.stage[kept].astype(np.int64),
     }
-    with ParquetLineWriter(path, NEVATIA_BABU_COLUMNS, geometry.crs) as table:
+    with ParquetLineWriter(path, NEVATIA_BABU.dtypes, geometry.crs) as table:
         # elements are pixels, and lines run through their centres
         table.append(columns, geometry.coordinates(pixels + 0.5), offsets)
     return offsets.size - 1

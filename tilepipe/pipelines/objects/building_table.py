@@ -11,26 +11,13 @@ from numpy.typing import NDArray
 from tilepipe.io.geometries import region_polygons
 from tilepipe.io.geoparquet import ParquetWriter
 from tilepipe.io.georeference import Geometry
+from tilepipe.pipelines.objects.layers import BUILDINGS
 from tilepipe.pipelines.objects.reconcile_buildings import Buildings
 from tilepipe.pipelines.objects.reconcile_leaves import Leaves
 from tilepipe.pipelines.objects.reconcile_regions import Merged
 from tilepipe_kernels.polylines.dissolve import dissolved
 from tilepipe_kernels.polylines.join import Arcs
 from tilepipe_kernels.polylines.polygons import assemble_polygons
-
-BUILDING_COLUMNS: dict[str, str] = {
-    "building_id": "int64",
-    "probability": "float64",
-    "area_m2": "float64",
-    "perimeter_m": "float64",
-    "height_above_ground": "float64",
-    "height_above_ground_max": "float64",
-    "ground_height": "float64",
-    "height_mean": "float64",
-    "height_max": "float64",
-    "regions": "int64",
-}
-"""Columns of ``buildings.parquet``; heights in metres, means by area; the id is the lowest one of its regions."""
 
 
 def write_buildings(
@@ -62,7 +49,7 @@ def write_buildings(
     rings = assemble_polygons(dissolved(exact, group))
     ids, found = region_polygons(rings, dissolved(arcs, group), geometry.transform)
     polygons = without_holes(found, smallest_hole / geometry.metres**2)
-    with ParquetWriter(path, BUILDING_COLUMNS, geometry.crs, "MultiPolygon") as table:
+    with ParquetWriter(path, BUILDINGS.dtypes, geometry.crs, BUILDINGS.geometry) as table:
         table.append(_columns(ids.astype(np.int64), polygons, leaves, merged, buildings, geometry.metres), polygons)
     return path
 

@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 import json
+import warnings
+from pathlib import Path
 from typing import Any
 
+from tilepipe.engine.work import Work
+from tilepipe.pipelines.objects.layers import CONVERGENCE
+from tilepipe.pipelines.objects.reconcile_regions import Merged
 from tilepipe_kernels.car_model.convergence import effective_sample_size, split_rhat
 from tilepipe_kernels.car_model.sampler import Traces
 
@@ -62,3 +67,13 @@ def warning(found: dict[str, Any]) -> str | None:
 def as_text(found: dict[str, Any]) -> str:
     """The diagnostics as the file ``convergence.json``."""
     return json.dumps(found, indent=1)
+
+
+def write_convergence(run: Work, merged: Merged) -> Path:
+    """Write the diagnostics of the sampler into the state folder; warn when it has not converged."""
+    found = diagnose(merged.first, fixed_variance=run.parameters.variance is not None)
+    if (text := warning(found)) is not None:
+        warnings.warn(text, stacklevel=3)
+    path = run.folder / CONVERGENCE.name
+    path.write_text(as_text(found))
+    return path

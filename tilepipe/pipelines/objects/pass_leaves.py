@@ -7,7 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tilepipe.engine.pipeline import Pass, Setting, State
 from tilepipe.engine.state import StateArray, write_state
+from tilepipe.engine.work import Work
 from tilepipe.io.raster import Raster
 from tilepipe.pipelines.objects.leaf_features import TICKS_PER_METRE, ReliefGauge
 from tilepipe.pipelines.objects.parameters import ObjectParameters
@@ -34,6 +36,11 @@ class LeafContext:
     labels: StateArray
     backend: Backend = "numpy"
 
+    @classmethod
+    def of(cls, run: Work) -> LeafContext:
+        """Of a run that begins."""
+        return cls(run.raster, run.parameters, run.grid, run.state("labels"), run.backend)
+
     @property
     def sides(self) -> tuple[int, int]:
         """Sides of the smallest and the largest leaf in pixels."""
@@ -44,10 +51,11 @@ class LeafContext:
         """How the ground and the shape of the surface are measured."""
         return ReliefGauge(self.raster.geometry.resolution, self.parameters.largest_building)
 
-    @property
-    def halo(self) -> int:
-        """Pixels around a core that the pass reads."""
-        return self.relief.halo if self.parameters.buildings else 0
+
+def halo(setting: Setting) -> int:
+    """Pixels around a core that the pass reads."""
+    p = setting.parameters
+    return ReliefGauge(setting.resolution, p.largest_building).halo if p.buildings else 0
 
 
 def to_ticks(
@@ -91,3 +99,6 @@ def find_leaves(context: LeafContext, tile: Tile) -> Facts:
     if context.parameters.buildings:
         facts |= context.relief.measure(around, labels, leaves.count, tile)
     return facts | write_state({"labels": context.labels}, tile, {"labels": labels}) | edge_facts("label", labels)
+
+
+LEAVES = Pass("leaves", find_leaves, halo=halo, bytes_per_pixel=60, writes={"labels": State("int32")})

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tilepipe.engine.work import Work
 from tilepipe.pipelines.objects.leaf_features import Relief
 from tilepipe.pipelines.objects.parameters import ObjectParameters
 from tilepipe.pipelines.objects.reconcile_leaves import Leaves
@@ -58,6 +59,22 @@ class Buildings:
     highest_above: NDArray[np.float64]
     probability: NDArray[np.float64]
     building: NDArray[np.uint32]
+
+
+def tell_buildings(run: Work, leaves: Leaves, merged: Merged) -> Buildings | None:
+    """Buildings among the regions, if they are asked for."""
+    if leaves.relief is None:
+        return None
+    with run.timed("buildings"):
+        return find_buildings(
+            leaves,
+            leaves.relief,
+            merged,
+            run.parameters,
+            resolution=run.resolution,
+            seed=run.options.seed,
+            backend=run.backend_here,
+        )
 
 
 def find_buildings(

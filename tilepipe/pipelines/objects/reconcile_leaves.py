@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -9,12 +10,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tilepipe.engine.ledger import Ledger
+from tilepipe.engine.work import Work
+from tilepipe.errors import InputError
 from tilepipe.pipelines.objects.leaf_features import TICKS_PER_METRE, Relief
 from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import TileGrid
 from tilepipe.tiling.numbering import Numbering
 from tilepipe.tiling.seams import seam_edges
 from tilepipe_kernels.regions.merging import RegionGraph, Statistics
+
+_PLAUSIBLE = -500.0, 9000.0
+"""Heights on land in metres."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +55,34 @@ class Leaves:
     def lookup(self, values: NDArray[np.uint32]) -> NDArray[np.uint32]:
         """Values of the leaves, by local leaf number."""
         return values[self.rank]
+
+
+def join_leaves(run: Work, ledger: Ledger) -> tuple[Leaves, RegionGraph]:
+    """Leaves of the raster and their graph; warns of heights that can hardly be meant.
+
+    Raises
+    ------
+    InputError
+        When the raster holds only nodata.
+    """
+    with run.timed("reconcile leaves"):
+        name, facts = run.raster.names[0], ledger.all_facts()
+        absurd = sum(int(found["absurd"][0]) for found in facts)
+        leaves, graph = reconcile_leaves(run.grid, facts, run.parameters.split_deviation**2)
+        if not leaves.first.size:
+            raise InputError(f"{name}: holds nothing but nodata; check the file and its nodata value")
+        _warn_of_heights(name, leaves, absurd)
+        return leaves, graph
+
+
+def _warn_of_heights(name: str, leaves: Leaves, absurd: int) -> None:
+    """Say what heights can hardly be meant: another unit, or a nodata value that nobody has declared."""
+    advice = "check the unit of the heights and the nodata value"
+    if absurd:
+        warnings.warn(f"{name}: {absurd:,} pixels hold no possible height and count as nodata; {advice}", stacklevel=4)
+    low, high = float(leaves.lowest.min()), float(leaves.highest.max())
+    if low < _PLAUSIBLE[0] or high > _PLAUSIBLE[1]:
+        warnings.warn(f"{name}: heights from {low:,.0f} to {high:,.0f} m; {advice}", stacklevel=4)
 
 
 def reconcile_leaves(grid: TileGrid, facts: list[Facts], largest_variance: float) -> tuple[Leaves, RegionGraph]:

@@ -18,13 +18,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tilepipe.engine.device import fitting
+from tilepipe.engine.work import Work
 from tilepipe.pipelines.objects.parameters import ObjectParameters
+from tilepipe.pipelines.objects.reconcile_leaves import Leaves
 from tilepipe_kernels.car_model.sampler import CarModel, Posterior, Traces, expect, sample, sample_variances
 from tilepipe_kernels.core.arrays import Backend, namespace, to_backend, to_host
 from tilepipe_kernels.regions.merging import RegionGraph, Statistics, first_members, join_small, merge_best
 
 _FEW_BORDERS = 0.02
 """Rounds end when fewer than this share of all borders can merge: small regions come first then, and free the rest."""
+
+LOOKUP = "lookup.npy"
+"""File in the state folder: region id of every local leaf number, tile after tile."""
 
 Tell = Callable[[str, int, int], None]
 
@@ -56,6 +62,27 @@ class Merged:
     deviation: NDArray[np.float64]
     first: Traces
     rounds: int
+
+
+def merge_leaves(run: Work, leaves: Leaves, graph: RegionGraph) -> tuple[Leaves, Merged]:
+    """The leaves and their merged regions, whose ids go to the state folder for the next pass."""
+    with run.timed("merge"):
+        given_up = [graph]
+        del graph  # nobody holds the graph of the leaves any more once it has merged
+        advice = "use larger leaves (smallest_leaf) or --backend numpy"
+        with fitting("the region graph", advice, run.backend_here):
+            merged = merge_regions(
+                given_up.pop(),
+                leaves.first,
+                run.parameters,
+                resolution=run.resolution,
+                seed=run.options.seed,
+                workers=run.options.workers,
+                tell=run.progress,
+                backend=run.backend_here,
+            )
+        np.save(run.folder / LOOKUP, leaves.lookup((merged.region + 1).astype(np.uint32)))
+        return leaves, merged
 
 
 def merge_regions(

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tilepipe.engine.pipeline import Pass
 from tilepipe.errors import InputError
 from tilepipe.io.raster import Raster
 from tilepipe.pipelines.streets.parameters import StreetParameters
@@ -58,6 +59,9 @@ def count_values(context: CountContext, tile: Tile) -> Facts:
         "difference": count_differences(values, tile),
     }
     return as_facts(counted)
+
+
+LEVELS = Pass("levels", count_values, halo=1, bytes_per_pixel=16)
 
 
 def grey_scale(facts: Iterable[Facts], parameters: StreetParameters, name: str) -> GreyScale:

@@ -1,4 +1,4 @@
-"""Second pass of `streets`: centerline fragments of a tile, by ridge lines and by skeleton."""
+"""The pass of `streets` that finds lines: centerline fragments of a tile, by ridge lines and by skeleton."""
 
 from __future__ import annotations
 
@@ -10,10 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tilepipe.engine.pipeline import Pass, Setting
 from tilepipe.engine.relabel import read_relabelled
 from tilepipe.engine.state import StateArray
+from tilepipe.engine.work import Work
+from tilepipe.pipelines.streets.layers import NODATA
 from tilepipe.pipelines.streets.parameters import StreetParameters
 from tilepipe.pipelines.streets.pass_levels import GreyScale
+from tilepipe.pipelines.streets.reconcile_regions import LOOKUP, Regions
 from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import Tile, TileGrid, Window
 from tilepipe_kernels.core.arrays import Backend, namespace, to_backend, to_host
@@ -21,9 +25,6 @@ from tilepipe_kernels.image import morphology
 from tilepipe_kernels.image.grey_levels import street_image
 from tilepipe_kernels.network import skeleton, tracing
 from tilepipe_kernels.ridges import ridges
-
-NODATA = 4294967295
-"""Region id of nodata pixels in ``streets.tif``."""
 
 RIDGE, AXIS = "ridge", "axis"
 """Prefixes of the facts of the two ways to centerlines."""
@@ -48,6 +49,22 @@ class LineContext:
     low: float
     backend: Backend = "numpy"
 
+    @classmethod
+    def of(cls, run: Work, scale: GreyScale, regions: Regions, low: float) -> LineContext:
+        """Of a run whose regions are known."""
+        return cls(
+            run.parameters,
+            scale,
+            run.grid,
+            run.state("labels"),
+            run.state("grey"),
+            run.folder / LOOKUP,
+            tuple(regions.numbering.offsets.tolist()),
+            run.resolution,
+            low,
+            run.backend,
+        )
+
     def pixels(self, metres: float) -> float:
         """A length in pixels."""
         return metres / self.resolution
@@ -63,8 +80,9 @@ class LineContext:
         return self.parameters.sigma_in_pixels(self.resolution)
 
 
-def halo(parameters: StreetParameters, resolution: float) -> int:
+def halo(setting: Setting) -> int:
     """Pixels that the pass reads around a core."""
+    parameters, resolution = setting.parameters, setting.resolution
     cleaning = morphology.halo(parameters.closing_radius / resolution) + morphology.halo(
         parameters.opening_radius / resolution
     )
@@ -109,6 +127,9 @@ def find_lines(context: LineContext, tile: Tile) -> Facts:
     """Tile function: trace the fragments of both ways to centerlines."""
     ids, mask, image = read_streets(context, tile)
     return _ridge_lines(context, tile, mask, image, ids) | _medial_axis(context, tile, mask, image, ids)
+
+
+LINES = Pass("lines", find_lines, halo=halo, bytes_per_pixel=60)
 
 
 def _clean(context: LineContext, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -6,10 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tilepipe.engine.pipeline import Pass, Setting
+from tilepipe.engine.work import Work
 from tilepipe.errors import InputError
 from tilepipe.pipelines.streets.parameters import StreetParameters
 from tilepipe.pipelines.streets.pass_levels import GreyScale
-from tilepipe.pipelines.streets.pass_lines import LineContext, read_streets
+from tilepipe.pipelines.streets.pass_lines import LineContext, halo, read_streets
+from tilepipe.pipelines.streets.reconcile_regions import Regions
 from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import Tile
 from tilepipe_kernels.core.arrays import namespace, to_host
@@ -40,6 +43,26 @@ def count_responses(context: LineContext, tile: Tile) -> Facts:
         return {"responses": np.zeros(RESPONSE_EDGES.size - 1, np.int64)}
     points = ridges.line_points(image, context.sigma, low=context.low, mask=wanted)
     return {"responses": np.histogram(to_host(points.response), RESPONSE_EDGES)[0].astype(np.int64)}
+
+
+def _from_histogram(setting: Setting) -> bool:
+    thresholds: str = setting.parameters.thresholds
+    return thresholds == "histogram"
+
+
+RESPONSES = Pass("responses", count_responses, halo=halo, bytes_per_pixel=40, needed=_from_histogram)
+
+_LEAST_RESPONSE = 1e-6
+"""Line responses from which on points are counted (grey per pixel²): below the bins of the histogram."""
+
+
+def find_thresholds(run: Work, scale: GreyScale, regions: Regions) -> Thresholds:
+    """Thresholds of the line response and the noise of the grey levels, both global; counts responses if need be."""
+    responses: list[Facts] = []
+    if RESPONSES.needed(run.setting):
+        context = LineContext.of(run, scale, regions, _LEAST_RESPONSE)
+        responses = run.over_tiles(RESPONSES, context).all_facts()
+    return line_thresholds(run.parameters, scale, run.resolution, responses)
 
 
 def line_thresholds(

@@ -8,7 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tilepipe.engine.pipeline import Pass, Setting, State
+from tilepipe.engine.request import AlignedRaster
 from tilepipe.engine.state import StateArray, write_state
+from tilepipe.engine.work import Work
 from tilepipe.io.raster import Raster
 from tilepipe.pipelines.streets.parameters import StreetParameters
 from tilepipe.pipelines.streets.pass_levels import GreyScale
@@ -26,25 +29,31 @@ _EDGE_PER_NOISE, _LEAST_EDGE = 0.6, 4.0
 
 
 @dataclass(frozen=True)
-class Heights:
-    """A height raster on the same grid and the window of it that covers the intensity raster."""
-
-    raster: Raster
-    window: Window
-
-
-@dataclass(frozen=True)
 class SegmentContext:
     """What the pass needs to know; picklable."""
 
     raster: Raster
-    heights: Heights | None
+    heights: AlignedRaster | None
     scale: GreyScale
     parameters: StreetParameters
     grid: TileGrid
     labels: StateArray
     grey: StateArray
     backend: Backend = "numpy"
+
+    @classmethod
+    def of(cls, run: Work, scale: GreyScale) -> SegmentContext:
+        """Of a run whose grey scale is known."""
+        return cls(
+            run.raster,
+            run.input("heights"),
+            scale,
+            run.parameters,
+            run.grid,
+            run.state("labels"),
+            run.state("grey"),
+            run.backend,
+        )
 
     @property
     def rectangle(self) -> tuple[int, int]:
@@ -57,14 +66,15 @@ def reach_in_pixels(parameters: StreetParameters, resolution: float) -> int:
     return math.floor(parameters.void_reach / resolution)
 
 
-def halo(parameters: StreetParameters, resolution: float, *, heights: bool) -> int:
+def halo(setting: Setting) -> int:
     """Pixels that the pass reads around a core."""
+    parameters, resolution = setting.parameters, setting.resolution
     steps = diffusion.halo(
         parameters.diffusion_steps, parameters.gradient_sigma / resolution, parameters.diffusion_model
     )
     return max(
         steps + reach_in_pixels(parameters, resolution),
-        ground_reach(parameters, resolution) if heights else 0,
+        ground_reach(parameters, resolution) if "heights" in setting.inputs else 0,
     )
 
 
@@ -89,6 +99,15 @@ def segment(context: SegmentContext, tile: Tile) -> Facts:
     packed = grey_levels.store(smooth, _expand(labels > 0, context.rectangle, smooth.shape), missing)
     facts = write_state({"labels": context.labels, "grey": context.grey}, tile, {"labels": labels, "grey": packed})
     return facts | table | edge_facts("label", labels) | edge_facts("grey", centres)
+
+
+SEGMENT = Pass(
+    "segment",
+    segment,
+    halo=halo,
+    bytes_per_pixel=40,
+    writes={"labels": State("uint32", per_cell=True), "grey": State("uint16", grey_levels.NO_REGION)},
+)
 
 
 def _smooth(context: SegmentContext, tile: Tile, grey: NDArray[np.float32]) -> NDArray[np.float32]:

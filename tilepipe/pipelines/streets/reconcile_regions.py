@@ -7,6 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tilepipe.engine.ledger import Ledger
+from tilepipe.engine.work import Work
+from tilepipe.errors import InputError
+from tilepipe.pipelines.streets.parameters import StreetParameters
 from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import TileGrid
 from tilepipe.tiling.numbering import Numbering
@@ -16,6 +20,13 @@ from tilepipe_kernels.regions.region_table import contour_length
 
 SUMMED = ("count", "horizontal_cracks", "vertical_cracks", "grey_sum")
 """Columns of a tile's region table that add up; all are integers, so the order of tiles does not matter."""
+
+
+LOOKUP = "lookup.npy"
+"""File in the state folder: published id of every local region number, tile after tile; 0 = none."""
+
+_MOST_REGIONS = 1 << 24
+"""Region ids travel with the points of lines as float32."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +70,39 @@ class Regions:
         """Published region id (1, 2, … by first pixel; 0 = not selected) of every local feature number."""
         ids = np.where(selected, np.cumsum(selected), 0).astype(np.uint32)
         return ids[self.component]
+
+
+def find_regions(run: Work, segmented: Ledger) -> Regions:
+    """Regions of the raster; the published ids of those that are streets go to the state folder for later passes.
+
+    Raises
+    ------
+    InputError
+        When there are more street regions than ids.
+    """
+    with run.timed("reconcile regions"):
+        p: StreetParameters = run.parameters
+        grid, facts = run.state("labels").grid, segmented.all_facts()
+        rectangle = (p.rectangle_rows * run.resolution, p.rectangle_columns * run.resolution)
+        regions = reconcile_regions(grid, facts, tolerance=p.tolerance, rectangle=rectangle)
+        selected = select_streets(regions, p)
+        if np.count_nonzero(selected) >= _MOST_REGIONS:
+            raise InputError(f"more than {_MOST_REGIONS:,} street regions; raise minimum_size or minimum_contour")
+        np.save(run.folder / LOOKUP, regions.lookup(selected))
+        return regions
+
+
+def select_streets(regions: Regions, parameters: StreetParameters) -> NDArray[np.bool_]:
+    """Which regions are streets: by size, contour length, elongation and mean width (step 3 of the method)."""
+    p = parameters
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return (
+            (regions.area >= p.minimum_size)
+            & (regions.contour >= p.minimum_contour)
+            & (regions.contour <= p.maximum_contour)
+            & (regions.elongation >= p.minimum_elongation)
+            & (regions.mean_width <= p.maximum_mean_width)
+        )
 
 
 def reconcile_regions(

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from dataclasses import dataclass
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tilepipe.engine.ledger import Ledger
+from tilepipe.engine.work import Work
 from tilepipe.io.geometries import lines_from_ragged
 from tilepipe.io.geoparquet import ParquetLineWriter
 from tilepipe.io.georeference import Geometry
+from tilepipe.pipelines.streets.layers import CENTERLINES, SKELETON
+from tilepipe.pipelines.streets.parameters import StreetParameters
+from tilepipe.pipelines.streets.pass_lines import AXIS, RIDGE
+from tilepipe.pipelines.streets.pass_responses import Thresholds
 from tilepipe.tiling.grid import TileGrid
 from tilepipe_kernels.network.build import LineBatch, NetworkRules, build_network, iterate_lines
 from tilepipe_kernels.network.fragment_table import summarise
@@ -25,20 +31,8 @@ _TILES_IN_MEMORY = 8
 _END_POINTS = 20
 """Points at each end of a line over which its end widths are taken."""
 
-COLUMNS: dict[str, str] = {
-    "line_id": "int64",
-    "from_node": "int64",
-    "to_node": "int64",
-    "length_m": "float64",
-    "mean_width_m": "float64",
-    "start_width_m": "float64",
-    "end_width_m": "float64",
-    "response": "float64",
-    "contrast": "float64",
-    "position_standard_error_m": "float64",
-    "region_id": "int64",
-}
-"""Columns of ``centerlines.parquet`` and ``skeleton.parquet``."""
+_LAYERS = {RIDGE: CENTERLINES, AXIS: SKELETON}
+"""Layers of the two ways to centerlines, by the prefix of their facts."""
 
 
 class FragmentReader:
@@ -74,6 +68,38 @@ class LineScale:
     sigma: float
     noise: float
     simplification: float
+
+
+def write_lines(run: Work, fragments: Ledger, thresholds: Thresholds) -> list[Path]:
+    """Write the tables of both ways to centerlines into the state folder, side by side."""
+    scale = LineScale(run.geometry, thresholds.sigma, thresholds.noise, run.parameters.simplification)
+
+    def write(prefix: str) -> Path:
+        layer = _LAYERS[prefix]
+        with run.timed(f"reconcile {layer.name}"):
+            path = run.folder / f"{layer.name}.parquet"
+            rules, margin = _network_rules(run, prefix, thresholds)
+            write_centerlines(path, fragments, run.grid, prefix, rules, scale, margin)
+            return path
+
+    with ThreadPoolExecutor(min(len(_LAYERS), run.options.workers)) as pool:
+        return run.in_format(list(pool.map(write, _LAYERS)))
+
+
+def _network_rules(run: Work, prefix: str, thresholds: Thresholds) -> tuple[NetworkRules, int]:
+    """Cleaning rules of one way to centerlines in pixels, and the width of the raster's border zone."""
+    p: StreetParameters = run.parameters
+    pixels = 1 / run.resolution
+    rules = NetworkRules(
+        contraction=max(2.0, p.junction_distance * pixels),
+        maximum_gap=p.maximum_gap * pixels,
+        maximum_angle=min(max(p.maximum_gap_angle, 1.0), 89.0),
+        minimum_branch=p.minimum_branch * pixels,
+        minimum_length=p.minimum_length * pixels,
+    )
+    if prefix == RIDGE:
+        return replace(rules, high=thresholds.high), int(np.ceil(thresholds.sigma))
+    return rules, 2
 
 
 def write_centerlines(
@@ -112,7 +138,7 @@ def write_centerlines(
         fragments, attributes = reader(number)
         tables.append(summarise(fragments, width, attributes.get("response")))
     network = build_network(tables, width, reader, rules, raster_border(grid.shape, margin))
-    with ParquetLineWriter(path, COLUMNS, scale.geometry.crs) as writer:
+    with ParquetLineWriter(path, _LAYERS[prefix].dtypes, scale.geometry.crs) as writer:
         for batch in iterate_lines(network, reader):
             columns = line_columns(batch, scale)
             xy, offsets = _simplified(_map_coordinates(batch.xy, scale.geometry), batch.offsets, scale)
@@ -149,7 +175,7 @@ def line_columns(batch: LineBatch, scale: LineScale) -> dict[str, NDArray[Any]]:
     Returns
     -------
     dict
-        The columns `COLUMNS`; lengths in metres, NaN where no point of a line has a value.
+        The columns of the layer; lengths in metres, NaN where no point of a line has a value.
     """
     offsets, metres = batch.offsets, scale.geometry.resolution
     lines = offsets.size - 1

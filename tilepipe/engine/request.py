@@ -1,0 +1,257 @@
+"""A checked request: the opened inputs, parameters and options of one run of a pipeline, before any work."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel
+
+from tilepipe import __version__
+from tilepipe.engine.options import RunOptions
+from tilepipe.engine.parameters import checked_parameters
+from tilepipe.engine.pipeline import Pipeline, Setting
+from tilepipe.engine.planning import Plan, plan_run
+from tilepipe.engine.run import Record, absolute_name
+from tilepipe.errors import InputError
+from tilepipe.io.raster import Raster, check_aligned, open_raster
+from tilepipe.tiling.grid import TileGrid, Window
+from tilepipe_kernels.core.arrays import Backend
+
+PICTURES = ("quicklook.png", "quicklook_detail.png", "quicklook_buildings.png", "report.html")
+"""Files that a report may have added to a run; a new run removes them."""
+
+
+@dataclass(frozen=True)
+class AlignedRaster:
+    """A raster on the pixel grid of the main one, and the window of the main one's pixels that it covers."""
+
+    raster: Raster
+    window: Window
+
+
+@dataclass(frozen=True)
+class Opened:
+    """Inputs that have been opened and checked.
+
+    Attributes
+    ----------
+    raster
+        The main mosaic.
+    inputs
+        Further rasters by name.
+    found
+        What opening has told of them; goes into the record.
+    source
+        What the pipeline reads instead of `raster`, if it is not the mosaic itself.
+    """
+
+    raster: Raster
+    inputs: Mapping[str, AlignedRaster] = field(default_factory=dict)
+    found: Mapping[str, Any] = field(default_factory=dict)
+    source: Any = None
+
+
+OpenInputs = Callable[[list[Any], Mapping[str, Any], Any, str | None, int | None], Opened]
+"""Opens ``(rasters, further inputs, parameters, crs, band)``."""
+
+
+def open_mosaic(
+    rasters: list[Any], inputs: Mapping[str, Any], parameters: Any, crs: str | None, band: int | None
+) -> Opened:
+    """Open the main rasters as one mosaic, and each further input aligned to it.
+
+    Raises
+    ------
+    InputError
+        When a raster cannot be used, or a further one lies on other pixels or somewhere else.
+    """
+    raster = open_raster(rasters, crs=crs, band=band)
+    further: dict[str, AlignedRaster] = {}
+    for name, given in inputs.items():
+        other = open_raster(as_list(given), crs=crs)
+        role = f"{name.removesuffix('s')} raster"
+        window = check_aligned(other, raster, role)
+        if window.intersection(Window(0, 0, *raster.shape)).is_empty:
+            raise InputError(f"{other.names[0]}: the {role} does not overlap {raster.names[0]}")
+        further[name] = AlignedRaster(other, window)
+    return Opened(raster, further)
+
+
+def as_list(items: Any) -> list[Any]:
+    """One or many inputs as a list."""
+    return list(items) if isinstance(items, (list, tuple)) else [items]
+
+
+def checked_request(
+    pipeline: Pipeline,
+    rasters: Any,
+    inputs: Mapping[str, Any],
+    params: BaseModel | Mapping[str, Any] | None,
+    crs: str | None,
+    band: int | None,
+    options: RunOptions | None,
+) -> Request:
+    """Open and check everything before any work; arguments and errors as for `plan_pipeline`."""
+    kind = pipeline.parameters
+    parameters = params if isinstance(params, kind) else checked_parameters(kind, dict(params or {}))
+    given = {name: value for name, value in inputs.items() if value is not None and as_list(value)}
+    opened = (pipeline.open_inputs or open_mosaic)(as_list(rasters), given, parameters, crs, band)
+    request = Request(pipeline, opened, parameters, options or RunOptions(), crs, band)
+    if pipeline.check:
+        pipeline.check(request.setting)
+    try:
+        request.plan()
+    except InputError:
+        raise
+    except (ValueError, OverflowError) as error:
+        pixels = f"{request.setting.resolution:g}"
+        raise InputError(f"the parameters do not suit pixels of {pixels} m: {error}") from None
+    return request
+
+
+def setting_of_record(pipeline: Pipeline, record: Record) -> Setting:
+    """Setting of a run from its record alone."""
+    raster, inputs = record["raster"], record["inputs"]
+    known = {item.name for item in pipeline.inputs}
+    return Setting(
+        parameters=checked_parameters(pipeline.parameters, record["parameters"]),
+        shape=tuple(raster["shape"]),
+        resolution=raster["pixel"] * raster["metres"],
+        tile=record["options"]["tile"],
+        inputs=frozenset(known & set(inputs)),
+        found=raster,
+    )
+
+
+@dataclass(frozen=True)
+class Request:
+    """One run of a pipeline, checked.
+
+    Attributes
+    ----------
+    pipeline
+        What to run.
+    opened
+        Its inputs.
+    parameters
+        Of the method.
+    options
+        How to run.
+    crs, band
+        As asked for.
+    """
+
+    pipeline: Pipeline
+    opened: Opened
+    parameters: Any
+    options: RunOptions
+    crs: str | None
+    band: int | None
+
+    @cached_property
+    def setting(self) -> Setting:
+        """What the passes depend on."""
+        raster, opened = self.opened.raster, self.opened
+        return Setting(
+            self.parameters,
+            raster.shape,
+            raster.geometry.resolution,
+            self.options.tile,
+            frozenset(opened.inputs),
+            opened.found,
+        )
+
+    @cached_property
+    def grid(self) -> TileGrid:
+        """Tiling of the raster."""
+        return self.pipeline.grid(self.setting)
+
+    @cached_property
+    def backend(self) -> Backend:
+        """The backend of the passes, as resolved."""
+        return self.options.resolved_backend()
+
+    def plan(self) -> Plan:
+        """What a run will do and need."""
+        return plan_run(self.pipeline, self.setting, self.options)
+
+    @property
+    def all_files(self) -> tuple[str, ...]:
+        """Names of all files that a run of this pipeline may publish, and its report add."""
+        return (*(name for layer in self.pipeline.layers for name in layer.files), *PICTURES)
+
+    def identity(self) -> Record:
+        """Everything that decides the state on disk."""
+        rasters = [self.opened.raster, *(item.raster for item in self.opened.inputs.values())]
+        sources = [member.source for raster in rasters for member in raster.members]
+        of_device = {"backend": self.backend} if self.backend == "cupy" else {}
+        return (
+            {
+                "command": self.pipeline.name,
+                "version": __version__,
+                "sources": [f"{absolute_name(source.name)} {source.stamp}" for source in sources],
+                "raster": asdict(self.opened.raster.geometry) | {"tile": list(self.grid.tile_shape), "band": self.band},
+                "parameters": self.parameters.model_dump(),
+            }
+            | ({"seed": self.options.seed} if self.pipeline.seeded else {})
+            | of_device
+        )
+
+    def record(self, out: str | Path) -> Record:
+        """Everything as resolved, for ``run.toml``."""
+        options = asdict(self.options) | {"backend": self.backend}
+        options.pop("overwrite")
+        raster = self.opened.raster
+        inputs: dict[str, Any] = {"rasters": [absolute_name(name) for name in raster.names]}
+        for key, item in self.opened.inputs.items():
+            inputs[key] = [absolute_name(name) for name in item.raster.names]
+        return {
+            "command": self.pipeline.name,
+            "version": __version__,
+            "out": str(Path(out).absolute()),
+            "inputs": inputs | {"crs": self.crs, "band": self.band},
+            "raster": asdict(raster.geometry) | {"tile": list(self.grid.tile_shape)} | dict(self.opened.found),
+            "options": options,
+            "parameters": self.parameters.model_dump(),
+        }
+
+
+def plan_pipeline(
+    pipeline: Pipeline,
+    rasters: Any,
+    *,
+    inputs: Mapping[str, Any] | None = None,
+    params: BaseModel | Mapping[str, Any] | None = None,
+    crs: str | None = None,
+    band: int | None = None,
+    options: RunOptions | None = None,
+) -> Plan:
+    """Tiles, passes, halos and memory of a run, before any work.
+
+    Parameters
+    ----------
+    pipeline
+        What is to run.
+    rasters
+        One or many paths (GeoTIFF, COG, VRT, Zarr) or xarray arrays, one mosaic.
+    inputs
+        Further rasters by the names that the pipeline declares; None where there are none.
+    params
+        Parameters of the method.
+    crs
+        ``EPSG:n`` for inputs that name no CRS.
+    band
+        Band to use where a raster has several.
+    options
+        Tiles, workers, memory: how, not what.
+
+    Raises
+    ------
+    InputError
+        When an input or a parameter cannot be used.
+    """
+    return checked_request(pipeline, rasters, inputs or {}, params, crs, band, options).plan()

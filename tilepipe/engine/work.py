@@ -1,0 +1,217 @@
+"""What a recipe works with: the inputs of a run, its tiles, and the folder of its state."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future
+from contextlib import AbstractContextManager
+from functools import cached_property
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel
+
+from tilepipe.engine.ledger import Ledger
+from tilepipe.engine.options import RunOptions
+from tilepipe.engine.passes import BoundPass
+from tilepipe.engine.pipeline import Pass, Pipeline, Setting, amount
+from tilepipe.engine.progress import Progress, Silent
+from tilepipe.engine.request import AlignedRaster, Request, checked_request
+from tilepipe.engine.run import Run, open_run
+from tilepipe.engine.state import StateArray
+from tilepipe.io.cog import write_cog
+from tilepipe.io.formats import convert
+from tilepipe.io.georeference import Geometry
+from tilepipe.io.raster import Raster
+from tilepipe.tiling.grid import TileGrid, Window
+from tilepipe_kernels.core.arrays import Backend, device_memory, why_no_device
+
+Result = TypeVar("Result")
+
+
+class Work:
+    """A run at work, handed to the recipe of its pipeline."""
+
+    def __init__(self, request: Request, run: Run) -> None:
+        self.request = request
+        self._run = run
+
+    @property
+    def raster(self) -> Raster:
+        """The main mosaic."""
+        return self.request.opened.raster
+
+    @property
+    def source(self) -> Any:
+        """What opening the inputs has made of the main rasters, where that is not the mosaic."""
+        return self.request.opened.source
+
+    def input(self, name: str) -> AlignedRaster | None:
+        """A further input, if it was given."""
+        return self.request.opened.inputs.get(name)
+
+    @property
+    def setting(self) -> Setting:
+        """What the passes depend on."""
+        return self.request.setting
+
+    @property
+    def parameters(self) -> Any:
+        """Parameters of the pipeline."""
+        return self.request.parameters
+
+    @property
+    def options(self) -> RunOptions:
+        """How to run."""
+        return self.request.options
+
+    @property
+    def geometry(self) -> Geometry:
+        """Grid of the raster."""
+        return self.raster.geometry
+
+    @property
+    def resolution(self) -> float:
+        """Pixel size in metres."""
+        return self.geometry.resolution
+
+    @property
+    def grid(self) -> TileGrid:
+        """Tiling of the raster."""
+        return self.request.grid
+
+    @property
+    def backend(self) -> Backend:
+        """Backend of the passes."""
+        return self.request.backend
+
+    @cached_property
+    def backend_here(self) -> Backend:
+        """Backend of what belongs to no tile, and stays on this machine when a cluster has the tiles."""
+        if self.backend == "cupy" and self.options.uses_cluster and why_no_device():
+            return "numpy"
+        return self.backend
+
+    @property
+    def folder(self) -> Path:
+        """Folder of the state, where layers are written before they are published together."""
+        return self._run.state
+
+    @property
+    def progress(self) -> Progress:
+        """Told about stages that count by themselves."""
+        return self._run.progress
+
+    def state(self, name: str) -> StateArray:
+        """A state raster that one of the passes declares."""
+        declared = next(item.writes[name] for item in self.request.pipeline.passes if name in item.writes)
+        grid = self.grid.coarsened(self.request.pipeline.cell(self.setting)) if declared.per_cell else self.grid
+        return StateArray(self.folder / f"{name}.zarr", grid, declared.dtype, declared.fill)
+
+    def over_tiles(self, declared: Pass, context: Any) -> Ledger:
+        """Run a pass on all tiles that are not done yet.
+
+        Parameters
+        ----------
+        declared
+            One of the passes of the pipeline.
+        context
+            Everything that its function needs, picklable.
+
+        Returns
+        -------
+        Ledger
+            Facts of all tiles.
+        """
+        bound = BoundPass(
+            declared.name,
+            declared.function,
+            context,
+            self.grid,
+            amount(declared.halo, self.setting),
+            {name: self.state(name) for name in declared.writes},
+            self.backend if declared.on_device else "numpy",
+            self.options.device_memory,
+        )
+        return self._run.run_pass(bound)
+
+    def beside(self, function: Callable[..., Result], *arguments: Any) -> AbstractContextManager[Future[Result]]:
+        """Run a function in a thread of its own beside a block, which ends when it has ended."""
+        return self._run.beside(function, *arguments)
+
+    def timed(self, name: str) -> AbstractContextManager[None]:
+        """Add the wall time of a block to the timings of a stage."""
+        return self._run.timed(name)
+
+    def write_raster(self, name: str, read: Callable[[Window], Any]) -> Path:
+        """Write a raster layer of the pipeline into the state folder.
+
+        Parameters
+        ----------
+        name
+            Name of a declared layer.
+        read
+            Gives the values of any window.
+        """
+        layer = next(layer for layer in self.request.pipeline.layers if layer.name == name)
+        path = self.folder / name
+        write_cog(path, read, layer.dtype, self.geometry, nodata=layer.nodata, threads=1)  # type: ignore[union-attr]
+        return path
+
+    def in_format(self, tables: Sequence[Path]) -> list[Path]:
+        """Finished tables in the format asked for; one at a time, since GDAL's options are global."""
+        form = self.options.format
+        if form == "parquet":
+            return list(tables)
+        with self.timed("convert"):
+            return [convert(path, form) for path in tables]
+
+
+def run_pipeline(
+    pipeline: Pipeline,
+    rasters: Any,
+    out: str | Path,
+    *,
+    inputs: Mapping[str, Any] | None = None,
+    params: BaseModel | Mapping[str, Any] | None = None,
+    crs: str | None = None,
+    band: int | None = None,
+    options: RunOptions | None = None,
+    progress: Progress | None = None,
+) -> list[Path]:
+    """Run a pipeline, or resume it, in a folder.
+
+    Parameters
+    ----------
+    pipeline
+        What to run.
+    out
+        Folder of the run; receives the layers of the pipeline and ``run.toml``, the record that repeats it.
+    progress
+        Told about the progress.
+    rasters, inputs, params, crs, band, options
+        As for `tilepipe.engine.request.plan_pipeline`.
+
+    Returns
+    -------
+    list of Path
+        The published layers.
+
+    Raises
+    ------
+    InputError
+        When an input or a parameter cannot be used.
+    TileError
+        When tiles failed; the finished ones are kept for the next try.
+    """
+    request = checked_request(pipeline, rasters, inputs or {}, params, crs, band, options)
+    options = request.options
+    plan = request.plan()
+    plan.check(options)
+    if request.backend == "cupy" and not options.uses_cluster:
+        plan.check_device(device_memory(), options)
+    record = request.record(out)
+    with open_run(Path(out).absolute(), record, request.identity(), options, progress or Silent()) as run:
+        layers = list(pipeline.recipe(Work(request, run)))
+        run.publish(layers, record, keep=request.all_files)
+        return [run.folder / layer.name for layer in layers]

@@ -1,0 +1,118 @@
+"""The pipeline `objects`: lidar heights in, object polygons and their boundaries out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from tilepipe.engine.options import RunOptions
+from tilepipe.engine.pipeline import Pipeline, Setting
+from tilepipe.engine.planning import Plan
+from tilepipe.engine.progress import Progress
+from tilepipe.engine.request import plan_pipeline
+from tilepipe.engine.work import run_pipeline
+from tilepipe.errors import InputError
+from tilepipe.pipelines.objects import INPUTS, SUMMARY
+from tilepipe.pipelines.objects.layers import BOUNDARIES, BUILDINGS, CONVERGENCE, OBJECTS, REGIONS
+from tilepipe.pipelines.objects.parameters import ObjectParameters
+from tilepipe.pipelines.objects.pass_borders import BORDERS
+from tilepipe.pipelines.objects.pass_leaves import LEAVES
+from tilepipe.pipelines.objects.recipe import recipe
+from tilepipe_kernels.regions.quadtree import LARGEST_SIDE
+
+_PER_MEGAPIXEL = 100_000 * 250
+"""Leaves of a city at half a metre, and what graph, sampler and tables hold of each in bytes: 250 were measured."""
+
+
+def _largest_leaf(setting: Setting) -> tuple[int, int]:
+    """Side of the largest square, twice: no tile cuts one."""
+    _, largest = setting.parameters.leaf_sides(setting.resolution)
+    return largest, largest
+
+
+def _check(setting: Setting) -> None:
+    """Refuse squares that are too large to count in.
+
+    Raises
+    ------
+    InputError
+        Says how large a leaf may be.
+    """
+    if _largest_leaf(setting)[0] > LARGEST_SIDE:
+        given, most = setting.parameters.largest_leaf, LARGEST_SIDE * setting.resolution
+        raise InputError(f"parameter largest_leaf={given:g}: at most {most:g} m at this resolution")
+
+
+PIPELINE = Pipeline(
+    name="objects",
+    summary=SUMMARY,
+    inputs=INPUTS,
+    parameters=ObjectParameters,
+    cell=_largest_leaf,
+    check=_check,
+    passes=(LEAVES, BORDERS),
+    recipe=recipe,
+    layers=(REGIONS, BUILDINGS, OBJECTS, BOUNDARIES, CONVERGENCE),
+    seeded=True,
+    bytes_per_megapixel=_PER_MEGAPIXEL,
+)
+
+
+def objects(
+    rasters: Sequence[Any] | Any,
+    out: str | Path,
+    *,
+    params: ObjectParameters | Mapping[str, Any] | None = None,
+    crs: str | None = None,
+    band: int | None = None,
+    options: RunOptions | None = None,
+    progress: Progress | None = None,
+) -> list[Path]:
+    """Find objects in lidar heights, and the probability of every boundary between them.
+
+    Parameters
+    ----------
+    rasters
+        Heights (DSM) in the unit of their band, else of their CRS: one or many paths (GeoTIFF, COG, VRT, Zarr) or
+        xarray arrays, one mosaic.
+    out
+        Folder of the run; receives ``regions.tif``, ``objects.parquet``, ``boundaries.parquet``,
+        ``buildings.parquet``, ``convergence.json`` (diagnostics of the sampler; a warning says when it has not
+        converged) and ``run.toml``.
+    params
+        Parameters of the method.
+    crs
+        ``EPSG:n`` for inputs that name no CRS.
+    band
+        Band to use where a raster has several.
+    options
+        Tiles, workers, memory: how, not what; and the seed of the sampler.
+    progress
+        Told about the progress.
+
+    Returns
+    -------
+    list of Path
+        The published layers.
+
+    Raises
+    ------
+    InputError
+        When an input or a parameter cannot be used.
+    TileError
+        When tiles failed; the finished ones are kept for the next try.
+    """
+    return run_pipeline(PIPELINE, rasters, out, params=params, crs=crs, band=band, options=options, progress=progress)
+
+
+def plan_objects(
+    rasters: Sequence[Any] | Any,
+    *,
+    params: ObjectParameters | Mapping[str, Any] | None = None,
+    crs: str | None = None,
+    band: int | None = None,
+    options: RunOptions | None = None,
+) -> Plan:
+    """Tiles, passes, halos and memory of a run, before any work; arguments and errors as for `objects`."""
+    return plan_pipeline(PIPELINE, rasters, params=params, crs=crs, band=band, options=options)
