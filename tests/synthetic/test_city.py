@@ -13,8 +13,8 @@ from rasterio.features import rasterize
 
 from tilepipe.errors import InputError
 from tilepipe.synthetic import LAYERS, City, render, render_layers, truth_buildings, truth_centerlines, write_city
-from tilepipe.synthetic.chart import chart, street_distance
 from tilepipe.synthetic.city import layout_of
+from tilepipe_kernels.city.chart import chart, street_distance
 
 CITY = City(seed=3, rows=620, columns=560)
 ALL = tuple(LAYERS)

@@ -4,30 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tilepipe.errors import InputError
-from tilepipe.synthetic.city import City, Layout, layout_of
-from tilepipe.synthetic.ground import MARKING, STREET, lay_terrain
-from tilepipe.synthetic.hashing import HIGH_BITS, bits, mixed
-from tilepipe.synthetic.objects import CAR, TREE
-from tilepipe.synthetic.photograph import photograph
-from tilepipe.synthetic.scene import Scene, Window, find_voids, scene, texture
-from tilepipe_kernels.core.compiled import loop
+from tilepipe.synthetic.city import City, layout_of
+from tilepipe_kernels.city.ground import MARKING, STREET, lay_terrain
+from tilepipe_kernels.city.intensity import object_intensities, speckle_table, speckled
+from tilepipe_kernels.city.layout import Layout, Window
+from tilepipe_kernels.city.noise import texture, white
+from tilepipe_kernels.city.objects import TREE
+from tilepipe_kernels.city.photograph import margin, photograph
+from tilepipe_kernels.city.scene import Scene, scene
+from tilepipe_kernels.city.voids import find_voids
 
-FINE_STREAM, COARSE_STREAM, SPECKLE_STREAM, ROUGHNESS_STREAM, GRAIN_STREAM = 61, 62, 63, 64, 65
+FINE_STREAM, COARSE_STREAM, ROUGHNESS_STREAM, GRAIN_STREAM = 61, 62, 64, 65
 FINE_MESH, COARSE_MESH = 3.5, 40.0
-#: Mean intensity of grass, meadow, concrete, pavement, street and marking, and how far texture moves it.
-GROUND_INTENSITY = np.array([150, 158, 116, 96, 45, 90], np.float32)
-GROUND_TEXTURE = np.array([16, 20, 8, 6, 4, 4], np.float32)
-TREE_INTENSITY, CAR_INTENSITY = np.float32(132), np.float32(205)
-ROOF_DARKEST, ROOF_RANGE = 68.0, 140.0
-SPECKLE_STEPS = 4096
-LARGEST = np.float32(255)
 ROUGHNESS = {"ground": np.float32(0.03), "tree": np.float32(0.45)}
 #: Bits of the layer ``edges``: a boundary towards the pixel below, towards the pixel to the right.
 EDGE_BELOW, EDGE_RIGHT = 1, 2
@@ -115,55 +110,10 @@ def render_layers(city: City, layers: Sequence[str], window: Window | None = Non
 
 def _intensity(view: View) -> NDArray[np.uint8]:
     found = view.scene
-    tones = np.where(
-        found.objects["kind"] == TREE,
-        TREE_INTENSITY + 30 * (found.objects["tone"] - 0.5),
-        np.where(
-            found.objects["kind"] == CAR,
-            CAR_INTENSITY + 60 * (found.objects["tone"] - 0.5),
-            ROOF_DARKEST + ROOF_RANGE * found.objects["tone"],
-        ),
-    ).astype(np.float32)
+    tones, quantiles = object_intensities(found.objects), speckle_table(view.city.speckle)
     return speckled(
-        view.layout, view.window, found.ground, found.visible, tones, view.fine, view.coarse, view.voids,
-        speckle_table(view.city.speckle),
-    )  # fmt: skip
-
-
-@lru_cache(maxsize=8)
-def speckle_table(deviation: float) -> NDArray[np.float32]:
-    """Quantiles of gamma-distributed speckle of mean 1 and the given standard deviation."""
-    if deviation == 0:
-        return np.ones(SPECKLE_STEPS, np.float32)
-    from scipy.special import gammaincinv
-
-    shape = 1 / deviation**2
-    quantiles = gammaincinv(shape, (np.arange(SPECKLE_STEPS) + 0.5) / SPECKLE_STEPS) / shape
-    return np.asarray(quantiles, np.float32)
-
-
-@loop
-def speckled(
-    layout: Layout, window: Window, ground: NDArray[np.uint8], visible: NDArray[np.int32],
-    tones: NDArray[np.float32], fine: NDArray[np.float32], coarse: NDArray[np.float32],
-    voids: NDArray[np.bool_], quantiles: NDArray[np.float32],
-) -> NDArray[np.uint8]:  # fmt: skip
-    """Lidar intensity: the mean of what is seen, its texture, and multiplicative speckle; 0 where void."""
-    row, column, rows, columns = window
-    result = np.empty((rows, columns), np.uint8)
-    half = np.float32(0.5)
-    for r in range(rows):
-        key = bits(layout.key, SPECKLE_STREAM, row + r, 0)
-        for c in range(columns):
-            item, kind = visible[r, c], ground[r, c]
-            natural = (fine[r, c] + coarse[r, c]) * half
-            mean = tones[item] * (np.float32(1) + np.float32(0.06) * natural)
-            if item < 0:
-                mean = GROUND_INTENSITY[kind] + GROUND_TEXTURE[kind] * natural
-            place = np.int64(mixed(key ^ np.uint64(column + c)) >> np.uint64(52))
-            value = min(max(mean * quantiles[place] + half, np.float32(1)), LARGEST)
-            result[r, c] = np.uint8(0) if voids[r, c] else np.uint8(value)
-    return result
+        view.layout, view.window, found.ground, found.visible, tones, view.fine, view.coarse, view.voids, quantiles
+    )
 
 
 def surface(view: View) -> NDArray[np.float32]:
@@ -181,25 +131,7 @@ def _height(view: View) -> NDArray[np.float32]:
     return result
 
 
-@loop
-def white(layout: Layout, window: Window, stream: int) -> NDArray[np.float32]:
-    """White noise of a bell shape, mean 0 and standard deviation 1: the sum of four draws of 13 bits."""
-    row, column, rows, columns = window
-    result = np.empty((rows, columns), np.float32)
-    scale = np.float32(np.sqrt(3.0) / 8192)
-    for r in range(rows):
-        key = bits(layout.key, stream, row + r, 0)
-        for c in range(columns):
-            draw = mixed(key ^ np.uint64(column + c)) >> HIGH_BITS
-            total = (draw & np.uint64(8191)) + ((draw >> np.uint64(13)) & np.uint64(8191))
-            total += ((draw >> np.uint64(26)) & np.uint64(8191)) + ((draw >> np.uint64(39)) & np.uint64(8191))
-            result[r, c] = np.float32(np.int64(total) - 16382) * scale
-    return result
-
-
 def _aerial(view: View) -> NDArray[np.uint8]:
-    from tilepipe.synthetic.photograph import margin
-
     wide = view.grown(margin(view.city.resolution))
     noise = white(view.layout, view.window, GRAIN_STREAM)
     return photograph(view.city.resolution, wide.scene, surface(wide), wide.fine, wide.coarse, noise)

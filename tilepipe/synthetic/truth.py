@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe.synthetic.blocks import blocks_near, populate
-from tilepipe.synthetic.chart import (
+from tilepipe.synthetic.city import City, layout_of
+from tilepipe_kernels.city.blocks import blocks_near, populate
+from tilepipe_kernels.city.chart import (
     BOULEVARD_U,
     BOULEVARD_V,
     DEAD_END_WIDTH,
@@ -21,8 +22,8 @@ from tilepipe.synthetic.chart import (
     street_level,
     street_width,
 )
-from tilepipe.synthetic.city import City, Layout, layout_of
-from tilepipe.synthetic.objects import ROOFS
+from tilepipe_kernels.city.layout import Layout
+from tilepipe_kernels.city.objects import ROOFS
 
 if TYPE_CHECKING:
     import geopandas as gpd

@@ -16,8 +16,8 @@ from tilepipe.errors import InputError
 from tilepipe.io.atomic import atomic_write
 from tilepipe.synthetic.city import City
 from tilepipe.synthetic.layers import LAYERS, render_layers
-from tilepipe.synthetic.scene import Window
 from tilepipe.synthetic.truth import truth_buildings, truth_centerlines
+from tilepipe_kernels.city.layout import Window
 
 #: Side of the internal blocks of the files in pixels.
 BLOCK = 512

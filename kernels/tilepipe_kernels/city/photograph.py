@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe.synthetic.objects import CAR, FLAT, TALLEST, TREE
-from tilepipe.synthetic.scene import Scene
+from tilepipe_kernels.city.objects import CAR, FLAT, TALLEST, TREE
+from tilepipe_kernels.city.scene import Scene
 from tilepipe_kernels.core.compiled import loop, rule
 
 #: Direction to the sun: its height above the horizon and its azimuth, clockwise from north, in degrees.

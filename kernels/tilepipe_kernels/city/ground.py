@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe.synthetic.chart import (
+from tilepipe_kernels.city.chart import (
     BOULEVARD_U,
     BOULEVARD_V,
     COMMERCIAL,
@@ -34,7 +34,7 @@ from tilepipe.synthetic.chart import (
 from tilepipe_kernels.core.compiled import loop, rule
 
 if TYPE_CHECKING:
-    from tilepipe.synthetic.city import Layout
+    from tilepipe_kernels.city.layout import Layout
 
 GRASS, MEADOW, CONCRETE, PAVEMENT, STREET, MARKING = 0, 1, 2, 3, 4, 5
 PAVEMENT_WIDTH, MARKING_HALF_WIDTH, MARKING_PERIOD = 2.0, 0.25, 9.0

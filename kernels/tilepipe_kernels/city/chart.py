@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe.synthetic.hashing import uniform
+from tilepipe_kernels.city.hashing import uniform
 from tilepipe_kernels.core.compiled import loop, rule
 
 if TYPE_CHECKING:
-    from tilepipe.synthetic.city import Layout
+    from tilepipe_kernels.city.layout import Layout
 
 STREET_WAVES, TERRAIN_WAVES = 6, 5
 HALF_WAVES = STREET_WAVES // 2
@@ -85,7 +85,30 @@ def position(layout: Layout, u: float, v: float) -> tuple[float, float]:
 
 @loop
 def positions(layout: Layout, coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Positions (n, 2) in metres of n coordinate pairs (n, 2)."""
+    """Positions of pairs of coordinates.
+
+    Parameters
+    ----------
+    layout
+        The city.
+    coordinates
+        Pairs (u, v), float64, shape (n, 2).
+
+    Returns
+    -------
+    ndarray
+        Pairs (x, y) in metres right of and below the corner of pixel (0, 0), shape (n, 2).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tilepipe_kernels.city.chart import chart, positions
+    >>> from tilepipe_kernels.city.layout import city_layout
+    >>> city = city_layout(3, (400, 400), 0.5)
+    >>> (x, y), = positions(city, np.array([[100.0, 50.0]]))
+    >>> np.round(chart(city, x, y)[:2], 9).tolist()
+    [100.0, 50.0]
+    """
     result = np.empty_like(coordinates)
     for n in range(coordinates.shape[0]):
         result[n] = position(layout, coordinates[n, 0], coordinates[n, 1])

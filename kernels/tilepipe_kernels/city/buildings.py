@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe.synthetic.chart import (
+from tilepipe_kernels.city.chart import (
     COMMERCIAL,
     PARK,
     RESIDENTIAL,
@@ -23,12 +23,12 @@ from tilepipe.synthetic.chart import (
     street_width,
     terrain,
 )
-from tilepipe.synthetic.hashing import draws
-from tilepipe.synthetic.objects import FLAT, GABLED, HIPPED, TALLEST
+from tilepipe_kernels.city.hashing import draws
+from tilepipe_kernels.city.objects import FLAT, GABLED, HIPPED, TALLEST
 from tilepipe_kernels.core.compiled import loop, rule
 
 if TYPE_CHECKING:
-    from tilepipe.synthetic.city import Layout
+    from tilepipe_kernels.city.layout import Layout
 
 #: Most building lots of a block, and most of them side by side.
 LOTS, LOTS_ACROSS = 128, 16

@@ -1,8 +1,4 @@
-"""What covers each pixel of a window: ground, building, tree or car; natural texture and missing returns.
-
-A window is ``(first_row, first_column, rows, columns)`` in global pixels and may reach over the city's
-border.
-"""
+"""What covers each pixel of a window: ground, building, tree or car."""
 
 from __future__ import annotations
 
@@ -13,26 +9,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe.synthetic.blocks import blocks_near, populate
-from tilepipe.synthetic.ground import lay_ground
-from tilepipe.synthetic.hashing import HIGH_BITS, UNIT, bits, draws, mixed, uniform
-from tilepipe.synthetic.objects import FLAT, GABLED, HIPPED, TREE
+from tilepipe_kernels.city.blocks import blocks_near, populate
+from tilepipe_kernels.city.ground import lay_ground
+from tilepipe_kernels.city.objects import FLAT, GABLED, HIPPED, TREE
 from tilepipe_kernels.core.compiled import loop, rule
 
 if TYPE_CHECKING:
-    from tilepipe.synthetic.city import Layout
+    from tilepipe_kernels.city.layout import Layout, Window
 
-Window = tuple[int, int, int, int]
-
-#: Share of pixels without a return, mesh of the lattice of larger voids and share of its cells that hold one.
-SPECK_SHARE, VOID_MESH, VOID_SHARE = 0.0012, 170.0, 0.3
-VOID_REACH = 16.0
 #: Distance between the points at which the blocks near a window are looked for.
 STRIDE_METRES = 16.0
-SPECK_STREAM, VOID_STREAM = 70, 71
 NOTHING = -1
 LOWEST = np.float32(-1e9)
-TWO, THREE = np.float32(2), np.float32(3)
 
 
 @dataclass(frozen=True)
@@ -61,7 +49,29 @@ class Scene:
 
 
 def scene(layout: Layout, window: Window) -> Scene:
-    """Lay the ground of a window and put up the objects that show in it."""
+    """Lay the ground of a window and put up the objects that show in it.
+
+    Parameters
+    ----------
+    layout
+        The city.
+    window
+        First row, first column, rows and columns in global pixels.
+
+    Returns
+    -------
+    Scene
+        The same pixels whatever the window.
+
+    Examples
+    --------
+    >>> from tilepipe_kernels.city.layout import city_layout
+    >>> from tilepipe_kernels.city.scene import scene
+    >>> city = city_layout(3, (400, 400), 0.5)
+    >>> whole, part = scene(city, (0, 0, 400, 400)), scene(city, (100, 50, 30, 40))
+    >>> bool((whole.ground[100:130, 50:90] == part.ground).all())
+    True
+    """
     row, column, rows, columns = window
     stride = max(1, int(STRIDE_METRES / layout.resolution))
     objects = populate(layout, blocks_near(layout, row, column, rows, columns, stride), False)
@@ -134,86 +144,3 @@ def roof_share(kind: int, along: float, across: float, half_length: float, half_
     elif kind != GABLED:
         slope = min(1.0, 2.0 * (1.0 - abs(along) / half_length))
     return slope
-
-
-@loop
-def texture(layout: Layout, window: Window, mesh: float, stream: int) -> NDArray[np.float32]:
-    """Value noise in [-1, 1]: random values on a lattice of ``mesh`` metres, smoothly interpolated."""
-    row, column, rows, columns = window
-    step = layout.resolution / mesh
-    first_row, first_column = int(math.floor(row * step)), int(math.floor(column * step))
-    high, wide = int(rows * step) + 3, int(columns * step) + 3
-    lattice = np.empty((high, wide), np.float32)
-    for r in range(high):
-        for c in range(wide):
-            lattice[r, c] = np.float32(2.0 * uniform(layout.key, stream, first_row + r, first_column + c) - 1.0)
-    places, shares = np.empty(columns, np.int64), np.empty(columns, np.float32)
-    for c in range(columns):
-        place = (column + c + 0.5) * step
-        places[c] = int(math.floor(place)) - first_column
-        shares[c] = smooth(np.float32(place - math.floor(place)))
-    result = np.empty((rows, columns), np.float32)
-    line = np.empty(wide, np.float32)
-    for r in range(rows):
-        place = (row + r + 0.5) * step
-        below = int(math.floor(place)) - first_row
-        share = smooth(np.float32(place - math.floor(place)))
-        for c in range(wide):
-            line[c] = lattice[below, c] + share * (lattice[below + 1, c] - lattice[below, c])
-        for c in range(columns):
-            left = line[places[c]]
-            result[r, c] = left + shares[c] * (line[places[c] + 1] - left)
-    return result
-
-
-@rule
-def smooth(share: np.float32) -> np.float32:
-    """The cubic step 3 s^2 - 2 s^3."""
-    return share * share * (THREE - TWO * share)
-
-
-@loop
-def find_voids(layout: Layout, window: Window) -> NDArray[np.bool_]:
-    """Pixels without a return: single specks, and blobs as over water or below other missing swath."""
-    row, column, rows, columns = window
-    result = np.empty((rows, columns), np.bool_)
-    for r in range(rows):
-        key = bits(layout.key, SPECK_STREAM, row + r, 0)
-        for c in range(columns):
-            speck = float(mixed(key ^ np.uint64(column + c)) >> HIGH_BITS) * UNIT
-            result[r, c] = speck < SPECK_SHARE * layout.voids
-    metres = layout.resolution
-    for i in range(
-        int(math.floor((row * metres - VOID_REACH) / VOID_MESH)),
-        int(math.floor(((row + rows) * metres + VOID_REACH) / VOID_MESH)) + 1,
-    ):
-        for j in range(
-            int(math.floor((column * metres - VOID_REACH) / VOID_MESH)),
-            int(math.floor(((column + columns) * metres + VOID_REACH) / VOID_MESH)) + 1,
-        ):
-            key = bits(layout.key, VOID_STREAM, i, j)
-            draw = draws(key, 0)
-            if draw[0] >= VOID_SHARE * layout.voids:
-                continue
-            y, x = (i + draw[1]) * VOID_MESH, (j + draw[2]) * VOID_MESH
-            _punch(result, row, column, metres, y, x, 2.0 + 10.0 * draw[3] * draw[3])
-    return result
-
-
-@rule
-def _punch(
-    result: NDArray[np.bool_], row: int, column: int, resolution: float, y: float, x: float, radius: float
-) -> None:
-    """Mark a lobed blob in a mask."""
-    reach = 1.15 * radius
-    for r in range(
-        max(0, int(math.floor((y - reach) / resolution)) - row),
-        min(result.shape[0], int(math.ceil((y + reach) / resolution)) - row),
-    ):
-        for c in range(
-            max(0, int(math.floor((x - reach) / resolution)) - column),
-            min(result.shape[1], int(math.ceil((x + reach) / resolution)) - column),
-        ):
-            down, right = (row + r + 0.5) * resolution - y, (column + c + 0.5) * resolution - x
-            if crown_share(right, down, radius) < 1.0:
-                result[r, c] = True

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe.synthetic.buildings import add_buildings
-from tilepipe.synthetic.chart import (
+from tilepipe_kernels.city.buildings import add_buildings
+from tilepipe_kernels.city.chart import (
     PARK,
     REACH,
     RESIDENTIAL,
@@ -28,12 +28,12 @@ from tilepipe.synthetic.chart import (
     street_width,
     terrain,
 )
-from tilepipe.synthetic.hashing import bits, draws
-from tilepipe.synthetic.objects import CAR, OBJECT, TREE, inside
+from tilepipe_kernels.city.hashing import bits, draws
+from tilepipe_kernels.city.objects import CAR, OBJECT, TREE, inside
 from tilepipe_kernels.core.compiled import loop, rule
 
 if TYPE_CHECKING:
-    from tilepipe.synthetic.city import Layout
+    from tilepipe_kernels.city.layout import Layout
 
 #: Most objects of one block; distance of trunks from walls in metres; stream of the blocks' keys.
 CAPACITY, WALL_CLEARANCE, BLOCK_STREAM = 640, 1.0, 20
