@@ -57,6 +57,16 @@ class EdgeOperators(BlockOperators):
         ------
         InputError
             ``means``, the method, the rounds or a weight cannot be used.
+
+        Examples
+        --------
+        A dark street and a bright roof, in each of which one pixel is noise.
+
+        >>> import xarray as xr
+        >>> import tilepipe.accessor
+        >>> greys = xr.DataArray([[50, 48, 180, 178], [52, 125, 182, 180], [49, 51, 110, 181]], dims=("y", "x"))
+        >>> greys.tilepipe.segment(means=[50, 180]).values.tolist()
+        [[0, 0, 1, 1], [0, 0, 1, 1], [0, 0, 1, 1]]
         """
         _check_optimiser("segment", method, get_args(LevelMethod), rounds)
         greys = _checked_means(means)
@@ -95,6 +105,15 @@ class EdgeOperators(BlockOperators):
         InputError
             The method, the rounds, ``levels`` or a weight cannot be used; when computed, that the array holds other
             values than levels.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import xarray as xr
+        >>> import tilepipe.accessor
+        >>> levels = xr.DataArray(np.repeat([[0, 0, 3, 3]], 4, axis=0).astype(np.uint8), dims=("y", "x"))
+        >>> levels.tilepipe.line_field(levels=4).values[1].tolist()  # an edge to the right of column 1
+        [0, 2, 0, 0]
         """
         _check_optimiser("line_field", method, get_args(LineMethod), rounds)
         model = _edge_model(levels, weights)
@@ -121,6 +140,17 @@ class EdgeOperators(BlockOperators):
         -------
         xarray.DataArray of float32
             Step across the edge at edge elements, 0 elsewhere.
+
+        Examples
+        --------
+        A step of 50 grey levels.
+
+        >>> import numpy as np
+        >>> import xarray as xr
+        >>> import tilepipe.accessor
+        >>> greys = xr.DataArray(np.tile(np.repeat([100.0, 150.0], 5), (9, 1)), dims=("y", "x"))
+        >>> greys.tilepipe.nevatia_babu(threshold=10).values[4].tolist()
+        [0.0, 0.0, 0.0, 0.0, 50.0, 0.0, 0.0, 0.0, 0.0, 0.0]
         """
 
         def function(block: NDArray[Any], tile: Tile) -> NDArray[Any]:

@@ -40,6 +40,16 @@ class ObjectOperators(BlockOperators):
         ------
         InputError
             ``deviation`` is negative.
+
+        Examples
+        --------
+        A square of 4 × 4 pixels is split where its heights differ.
+
+        >>> import xarray as xr
+        >>> import tilepipe.accessor
+        >>> heights = xr.DataArray([[3, 3, 3, 9], [3, 3, 3, 3], [3, 3, 5, 5], [3, 3, 5, 5]], dims=("y", "x")).astype(float)
+        >>> heights.tilepipe.quadtree(deviation=0.5, smallest=2, largest=4).values.tolist()
+        [[3.0, 3.0, 4.5, 4.5], [3.0, 3.0, 4.5, 4.5], [3.0, 3.0, 5.0, 5.0], [3.0, 3.0, 5.0, 5.0]]
         """
         if not deviation >= 0:
             raise InputError(f"deviation must be 0 or more, not {deviation}")
@@ -64,6 +74,19 @@ class ObjectOperators(BlockOperators):
         -------
         xarray.DataArray of float32
             Height of the ground (m), NaN at nodata; ``heights - ground`` is the height above ground.
+
+        Examples
+        --------
+        A house of 20 m × 20 m and 8 m in height on even ground.
+
+        >>> import numpy as np
+        >>> import xarray as xr
+        >>> import tilepipe.accessor
+        >>> heights = xr.DataArray(np.full((100, 100), 30.0), dims=("y", "x"))
+        >>> heights[40:60, 40:60] = 38
+        >>> above = heights - heights.tilepipe.ground(resolution=1.0, largest_object=40)
+        >>> float(above[50, 50]), float(above[10, 10])
+        (8.0, 0.0)
         """
 
         def function(block: NDArray[Any], tile: Tile) -> NDArray[Any]:

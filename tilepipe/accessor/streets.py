@@ -40,6 +40,17 @@ class StreetOperators(BlockOperators):
         -------
         xarray.DataArray of float32
             Smoothed raster.
+
+        Examples
+        --------
+        >>> import dask.array
+        >>> import numpy as np
+        >>> import xarray as xr
+        >>> import tilepipe.accessor
+        >>> greys = xr.DataArray(dask.array.from_array(np.tile([[40.0, 200.0]], (64, 32)), chunks=32), dims=("y", "x"))
+        >>> smooth = greys.tilepipe.diffuse(steps=5)
+        >>> smooth.chunks == greys.chunks, smooth.dtype.name  # nothing is computed yet
+        (True, 'float32')
         """
 
         def function(block: NDArray[Any], tile: Tile) -> NDArray[Any]:
@@ -77,6 +88,17 @@ class StreetOperators(BlockOperators):
         ------
         InputError
             The chunks are uneven.
+
+        Examples
+        --------
+        Two streets that an array's chunks cut: each is one region, whatever chunk it lies in.
+
+        >>> import numpy as np
+        >>> import xarray as xr
+        >>> import tilepipe.accessor
+        >>> greys = xr.DataArray(np.repeat([[40], [200], [40], [200]], 6, axis=1), dims=("y", "x")).chunk(y=2, x=3)
+        >>> greys.tilepipe.grow_regions(tolerance=10, maximum=100).values[:, ::5].tolist()
+        [[1, 1], [0, 0], [2, 2], [0, 0]]
         """
         grow = _Growing(tolerance, minimum_size, maximum, nodata_of(self._array))
         data = self._array.data
@@ -93,6 +115,17 @@ class StreetOperators(BlockOperators):
         -------
         xarray.DataArray of float32
             Line response (grey per pixel²) at the pixels of lines, 0 elsewhere.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import xarray as xr
+        >>> import tilepipe.accessor
+        >>> greys = xr.DataArray(np.full((21, 40), 200.0), dims=("y", "x"))
+        >>> greys[10] = 100  # a street one pixel wide
+        >>> lines = greys.tilepipe.ridge_lines(sigma=1.2, low=5.0)
+        >>> np.flatnonzero((lines > 0).any("x")).tolist()
+        [10]
         """
 
         def function(block: NDArray[Any], tile: Tile) -> NDArray[Any]:
@@ -118,6 +151,17 @@ class StreetOperators(BlockOperators):
         -------
         xarray.DataArray of bool
             The skeleton, one pixel wide.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import xarray as xr
+        >>> import tilepipe.accessor
+        >>> street = xr.DataArray(np.zeros((15, 60), bool), dims=("y", "x"))
+        >>> street[4:11] = True
+        >>> axis = street.tilepipe.medial_axis(half_width=6)
+        >>> np.flatnonzero(axis.any("x")).tolist()  # the middle of rows 4 to 10
+        [7]
         """
 
         def function(block: NDArray[Any], tile: Tile) -> NDArray[Any]:
@@ -128,11 +172,31 @@ class StreetOperators(BlockOperators):
         return self._map("medial_axis", function, skeleton.halo(half_width), np.bool_)
 
     def open_mask(self, *, radius: float) -> xr.DataArray:
-        """Opening of a mask by a disc of ``radius`` pixels."""
+        """Opening of a mask by a disc of ``radius`` pixels.
+
+        Examples
+        --------
+        >>> import xarray as xr
+        >>> import tilepipe.accessor
+        >>> mask = xr.DataArray([[1, 1, 1, 0, 0], [1, 1, 1, 0, 0], [1, 1, 1, 1, 1], [1, 1, 1, 0, 0]], dims=("y", "x"))
+        >>> mask.tilepipe.open_mask(radius=1).astype(int).values.tolist()  # the driveway is shortened
+        [[1, 1, 1, 0, 0], [1, 1, 1, 0, 0], [1, 1, 1, 1, 0], [1, 1, 1, 0, 0]]
+        """
         return self._morphology("open_mask", morphology.open_mask, radius)
 
     def close_mask(self, *, radius: float) -> xr.DataArray:
-        """Closing of a mask by a disc of ``radius`` pixels."""
+        """Closing of a mask by a disc of ``radius`` pixels.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import xarray as xr
+        >>> import tilepipe.accessor
+        >>> street = xr.DataArray(np.ones((5, 9), bool), dims=("y", "x"))
+        >>> street[:, 4] = False  # a gap of one pixel
+        >>> bool(street.tilepipe.close_mask(radius=1)[2, 4])
+        True
+        """
         return self._morphology("close_mask", morphology.close_mask, radius)
 
     def _morphology(

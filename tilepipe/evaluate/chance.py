@@ -56,6 +56,18 @@ def by_chance(
         beyond the area takes the place of what has left it.
     tolerance
         Largest distance of a match, positive, in the unit of the coordinates.
+
+    Examples
+    --------
+    Lines 4 m apart: more than half of their length lies within 2 m of the same lines moved anywhere.
+
+    >>> import numpy as np
+    >>> import shapely
+    >>> from tilepipe.evaluate.chance import by_chance
+    >>> y = np.arange(0, 100, 4)
+    >>> lines = shapely.linestrings(np.stack([np.stack([0 * y, y], 1), np.stack([0 * y + 100, y], 1)], 1))
+    >>> by_chance(lines, lines, tolerance=2.0).precision > 0.5
+    True
     """
     import shapely
 

@@ -171,7 +171,17 @@ def _subdivided(parts: Geometries) -> tuple[Geometries, Index]:
 
 
 def common_areas(a: Geometries, b: Geometries) -> tuple[Index, Index, Float]:
-    """Find the area that each pair of polygons has in common; indices into `a` and `b` may repeat."""
+    """Find the area that each pair of polygons has in common; indices into `a` and `b` may repeat.
+
+    Examples
+    --------
+    >>> import shapely
+    >>> from tilepipe.evaluate.polygon_layers import common_areas
+    >>> houses = shapely.box([0, 20], 0, [10, 30], 10)
+    >>> _, found, areas = common_areas(shapely.box([5], 0, [25], 10), houses)
+    >>> dict(sorted(zip(found.tolist(), areas.tolist())))
+    {0: 50.0, 1: 50.0}
+    """
     import shapely
 
     a_piece, a_source = _subdivided(a)

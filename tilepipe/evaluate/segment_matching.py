@@ -35,7 +35,16 @@ class Intervals(NamedTuple):
 
 
 def segments(lines: ArrayLike, area: BaseGeometry | None = None) -> Float:
-    """Straight segments of shapely lines, clipped to a polygon; zero-length ones are left out."""
+    """Straight segments of shapely lines, clipped to a polygon; zero-length ones are left out.
+
+    Examples
+    --------
+    >>> import shapely
+    >>> from tilepipe.evaluate.segment_matching import lengths, segments
+    >>> bend = shapely.linestrings([[[0, 0], [10, 0], [10, 5]]])
+    >>> lengths(segments(bend)).tolist(), lengths(segments(bend, area=shapely.box(0, 0, 8, 8))).tolist()
+    ([10.0, 5.0], [8.0])
+    """
     import shapely
 
     geometry = np.atleast_1d(np.asarray(lines, dtype=object))
@@ -92,7 +101,18 @@ def _angle_between(a: Float, b: Float) -> Float:
 
 
 def matched(a: Float, b: Float, pairs: tuple[Index, Index], buffer: float) -> Intervals:
-    """Find the parts of `a` within `buffer` of a segment of `b`, over the given pairs (in any order)."""
+    """Find the parts of `a` within `buffer` of a segment of `b`, over the given pairs (in any order).
+
+    Examples
+    --------
+    Of a segment of 10 m, the part within 1 m of another that begins at its middle.
+
+    >>> import numpy as np
+    >>> from tilepipe.evaluate.segment_matching import close_pairs, covered_length, matched
+    >>> a, b = np.array([[[0.0, 0.0], [10.0, 0.0]]]), np.array([[[5.0, 0.0], [10.0, 0.0]]])
+    >>> covered_length(matched(a, b, close_pairs(a, b, 1.0, None), 1.0), a)
+    6.0
+    """
     starts, ends = [], []
     for part in range(0, len(pairs[0]), _CHUNK):
         i, j = pairs[0][part : part + _CHUNK], pairs[1][part : part + _CHUNK]

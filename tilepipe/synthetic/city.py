@@ -41,6 +41,13 @@ class City:
     ------
     InputError
         When a size, density or the speckle is out of range.
+
+    Examples
+    --------
+    >>> from tilepipe.synthetic import City
+    >>> city = City(seed=7, rows=1024, columns=2048, resolution=0.25)
+    >>> city.shape, city.bounds
+    ((1024, 2048), (392000.0, 5819744.0, 392512.0, 5820000.0))
     """
 
     seed: int = 0

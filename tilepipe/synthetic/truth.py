@@ -55,6 +55,14 @@ def truth_centerlines(city: City) -> gpd.GeoDataFrame:
     geopandas.GeoDataFrame
         Columns ``street`` (number), ``family`` (street, cross street, boulevard or dead end), ``width`` (m)
         and ``geometry`` (LineString in the city's coordinate reference system).
+
+    Examples
+    --------
+    >>> from tilepipe.synthetic import City
+    >>> from tilepipe.synthetic.truth import truth_centerlines
+    >>> streets = truth_centerlines(City(rows=512, columns=512))
+    >>> streets.columns.tolist(), streets.crs.to_epsg(), bool(streets.length.sum() > 500)
+    (['street', 'family', 'width', 'geometry'], 32633, True)
     """
     import geopandas as gpd
     import shapely
@@ -153,6 +161,14 @@ def truth_buildings(city: City) -> gpd.GeoDataFrame:
     geopandas.GeoDataFrame
         Columns ``building`` (the id in layer ``buildings``), ``roof`` (flat, gabled or hipped), ``height``
         (of the ridge above the foot, m) and ``geometry`` (Polygon), sorted by id.
+
+    Examples
+    --------
+    >>> from tilepipe.synthetic import City
+    >>> from tilepipe.synthetic.truth import truth_buildings
+    >>> buildings = truth_buildings(City(rows=512, columns=512))
+    >>> set(buildings["roof"]) <= {"flat", "gabled", "hipped"}, bool(buildings.is_valid.all())
+    (True, True)
     """
     import geopandas as gpd
     import shapely

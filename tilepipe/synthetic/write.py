@@ -72,6 +72,13 @@ def write_city(
     ------
     InputError
         When a layer is unknown or the tile or the number of workers is unusable.
+
+    Examples
+    --------
+    >>> from tilepipe.synthetic import City, write_city
+    >>> written = write_city("city", City(rows=512, columns=512), layers=["intensity"], tile=512)
+    >>> {name: path.name for name, path in written.items()}
+    {'intensity': 'intensity.tif', 'centerlines': 'centerlines.parquet', 'footprints': 'footprints.parquet'}
     """
     for layer in layers:
         if layer not in LAYERS:

@@ -35,7 +35,15 @@ CAR_COLOURS = np.array([[228, 228, 230], [40, 42, 46], [168, 172, 178], [168, 44
 
 
 def sun() -> tuple[float, float, float]:
-    """Unit vector to the sun: right, down, up."""
+    """Unit vector to the sun: right, down, up.
+
+    Examples
+    --------
+    >>> import math
+    >>> from tilepipe.synthetic.photograph import sun
+    >>> round(math.hypot(*sun()), 6), sun()[2] > 0  # a unit vector that points up
+    (1.0, True)
+    """
     height, azimuth = math.radians(SUN_HEIGHT), math.radians(SUN_AZIMUTH)
     return math.cos(height) * math.sin(azimuth), -math.cos(height) * math.cos(azimuth), math.sin(height)
 
