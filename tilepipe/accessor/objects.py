@@ -45,10 +45,12 @@ class ObjectOperators(BlockOperators):
         --------
         A square of 4 × 4 pixels is split where its heights differ.
 
+        >>> import numpy as np
         >>> import xarray as xr
         >>> import tilepipe.accessor
-        >>> heights = xr.DataArray([[3, 3, 3, 9], [3, 3, 3, 3], [3, 3, 5, 5], [3, 3, 5, 5]], dims=("y", "x")).astype(float)
-        >>> heights.tilepipe.quadtree(deviation=0.5, smallest=2, largest=4).values.tolist()
+        >>> heights = np.array([[3.0, 3, 3, 9], [3, 3, 3, 3], [3, 3, 5, 5], [3, 3, 5, 5]])
+        >>> squares = xr.DataArray(heights, dims=("y", "x")).tilepipe.quadtree(deviation=0.5, smallest=2, largest=4)
+        >>> squares.values.tolist()
         [[3.0, 3.0, 4.5, 4.5], [3.0, 3.0, 4.5, 4.5], [3.0, 3.0, 5.0, 5.0], [3.0, 3.0, 5.0, 5.0]]
         """
         if not deviation >= 0:

@@ -51,8 +51,8 @@ def area_in_metres(area: VectorLayer, crs: Any, metres: float) -> BaseGeometry:
     >>> import shapely
     >>> from tilepipe.evaluate.extent import area_in_metres
     >>> from tilepipe.io.tables import VectorLayer
-    >>> district = VectorLayer("district", geopandas.GeoDataFrame(geometry=[shapely.box(0, 0, 100, 50)], crs="EPSG:2222"))
-    >>> round(area_in_metres(district, "EPSG:2222", 0.3048).area, 2)  # of 5000 square feet
+    >>> table = geopandas.GeoDataFrame(geometry=[shapely.box(0, 0, 100, 50)], crs="EPSG:2222")
+    >>> round(area_in_metres(VectorLayer("district", table), "EPSG:2222", 0.3048).area, 2)  # of 5000 square feet
     464.52
     """
     import shapely

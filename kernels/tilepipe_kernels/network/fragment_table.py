@@ -78,6 +78,16 @@ def summarise(fragments: Fragments, width: int, response: NDArray[np.float32] | 
     ------
     ValueError
         If ``response`` does not hold one value per pixel.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tilepipe_kernels.network.fragment_table import summarise
+    >>> from tilepipe_kernels.network.skeleton import skeleton_links
+    >>> from tilepipe_kernels.network.tracing import trace
+    >>> table = summarise(trace(skeleton_links(np.array([[1, 1, 1, 0], [0, 0, 0, 1]]))), width=4)
+    >>> table.count.tolist(), table.axial.tolist(), table.diagonal.tolist()
+    ([4], [2], [1])
     """
     if response is not None and response.shape != fragments.pixels.shape:
         raise ValueError(f"response holds {response.shape} values for {len(fragments.pixels)} pixels")

@@ -39,6 +39,19 @@ def trace_lines(
     -------
     network, lines
         The graph, and all its lines in one batch.
+
+    Examples
+    --------
+    A street that forks: three lines that meet in one node.
+
+    >>> import numpy as np
+    >>> from tilepipe_kernels.network.one_array import trace_lines
+    >>> from tilepipe_kernels.network.skeleton import skeleton_links
+    >>> skeleton = np.zeros((9, 9), bool)
+    >>> skeleton[4, :] = skeleton[4:, 4] = True
+    >>> network, lines = trace_lines(skeleton_links(skeleton))
+    >>> network.length.tolist(), network.node_degree.tolist()
+    ([4.0, 4.0, 4.0], [1, 3, 1, 1])
     """
     fragments = trace(links)
     attributes = {} if response is None else {"response": response.astype(np.float32).ravel()[fragments.pixels]}
@@ -62,6 +75,16 @@ def prune_skeleton(skeleton: NDArray[Any], length: float) -> NDArray[np.bool_]:
     -------
     ndarray
         bool, shape (rows, columns).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tilepipe_kernels.network.one_array import prune_skeleton
+    >>> skeleton = np.zeros((9, 20), bool)
+    >>> skeleton[4, :] = skeleton[2:4, 10] = True  # a spur of two pixels on a street
+    >>> pruned = prune_skeleton(skeleton, length=5)
+    >>> bool(pruned[4].all()), int(pruned[:4].sum())
+    (True, 0)
     """
     links = skeleton_links(np.asarray(skeleton) != 0)
     fragments = trace(links)

@@ -19,7 +19,15 @@ OnBorder = Callable[[Int64], Bool]
 
 
 def raster_border(shape: tuple[int, int], margin: int = 0) -> OnBorder:
-    """Tell which pixels lie within ``margin`` pixels of the outermost rows and columns of a raster."""
+    """Tell which pixels lie within ``margin`` pixels of the outermost rows and columns of a raster.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tilepipe_kernels.network.rules import raster_border
+    >>> raster_border((100, 50))(np.array([7, 50, 75])).tolist()  # in row 0, in column 0, inside
+    [True, True, False]
+    """
     rows, columns = shape
 
     def on_border(pixels: Int64) -> Bool:

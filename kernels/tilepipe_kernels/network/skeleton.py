@@ -43,6 +43,12 @@ def halo(cap: int) -> int:
 
     The distance reaches `cap`, an anchor one pixel more; every subfield step reaches one more pixel, and
     there are four a layer, `cap` layers, and four a cleaning sweep.
+
+    Examples
+    --------
+    >>> from tilepipe_kernels.network.skeleton import halo
+    >>> halo(cap=15)
+    92
     """
     return distance.halo(cap) + 1 + SUBFIELDS * (distance.checked_cap(cap) + CLEANING_SWEEPS)
 
@@ -55,7 +61,17 @@ def medial_axis(
     angle: float = 110.0,
     origin: tuple[int, int] = (0, 0),
 ) -> NDArray[np.bool_]:
-    """Thin Euclidean skeleton of a mask: the first result of :func:`medial_axis_and_distance`."""
+    """Thin Euclidean skeleton of a mask: the first result of :func:`medial_axis_and_distance`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tilepipe_kernels.network.skeleton import medial_axis
+    >>> street = np.zeros((11, 40), bool)
+    >>> street[2:9] = True
+    >>> np.flatnonzero(medial_axis(street, cap=6).any(axis=1)).tolist()  # the middle of rows 2 to 8
+    [5]
+    """
     return medial_axis_and_distance(mask, cap=cap, separation=separation, angle=angle, origin=origin)[0]
 
 
@@ -101,6 +117,16 @@ def medial_axis_and_distance(
     ValueError
         As :func:`~tilepipe_kernels.image.distance.distance_squared`; for a negative `separation`, or an `angle`
         outside 0 .. 180.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tilepipe_kernels.network.skeleton import medial_axis_and_distance, width_at
+    >>> street = np.zeros((12, 40), bool)
+    >>> street[3:9] = True
+    >>> axis, squared = medial_axis_and_distance(street, cap=6)
+    >>> np.unique(width_at(squared[axis])).astype(float).round(1).tolist()  # of a street of six pixels
+    [5.8]
     """
     if not separation >= 0:
         raise ValueError(f"separation must be 0 pixels or more, not {separation}")
@@ -144,6 +170,16 @@ def skeleton_links(skeleton: NDArray[Any]) -> NDArray[np.uint8]:
     -------
     ndarray of uint8, shape (rows, columns)
         Bit k is set for a link to ``NEIGHBOURS[k]``; 0 on the background and on lone pixels.
+
+    Examples
+    --------
+    A bend is a path: its first and its last pixel touch at a corner, but are not linked.
+
+    >>> import numpy as np
+    >>> from tilepipe_kernels.network.skeleton import skeleton_links
+    >>> links = skeleton_links(np.array([[1, 1], [0, 1]]))
+    >>> [int(each).bit_count() for each in links.ravel()]
+    [1, 2, 0, 1]
     """
     xp = namespace(skeleton)
     state = xp.pad(distance.mask_bytes(skeleton), 1)
@@ -163,6 +199,13 @@ def width_at(squared: NDArray[Any]) -> NDArray[np.float32]:
     0.7 px at most).  Along rows and columns it is 0.8 px too large for odd widths and 0.2 px too small for
     even ones, because the distance runs to the centre of a background pixel and the axis lies on pixel
     centres.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tilepipe_kernels.network.skeleton import width_at
+    >>> width_at(np.array([9, 16])).astype(float).round(1).tolist()
+    [5.8, 7.8]
     """
     xp = namespace(squared)
     width: NDArray[np.float32] = 2 * xp.sqrt(xp.asarray(squared, xp.float32)) - _WIDTH_BIAS

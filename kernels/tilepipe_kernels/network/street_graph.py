@@ -120,7 +120,15 @@ class Graph:
 
 
 def chain_length(axial: Int64, diagonal: Int64) -> NDArray[np.float64]:
-    """Length of an 8-connected chain: axial steps count 1, diagonal ones the square root of 2."""
+    """Length of 8-connected chains in pixels: axial steps count 1, diagonal ones the square root of 2.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tilepipe_kernels.network.street_graph import chain_length
+    >>> chain_length(np.array([10, 0]), np.array([0, 10])).round(2).tolist()
+    [10.0, 14.14]
+    """
     return axial + DIAGONAL * diagonal
 
 

@@ -90,6 +90,17 @@ def trace(
     ValueError
         If ``links`` is not a two-dimensional uint8 array or not symmetric inside the core, or the core is
         not a window of it.
+
+    Examples
+    --------
+    A line of four pixels, and a lone one that is in no fragment.
+
+    >>> import numpy as np
+    >>> from tilepipe_kernels.network.skeleton import skeleton_links
+    >>> from tilepipe_kernels.network.tracing import trace
+    >>> fragments = trace(skeleton_links(np.array([[1, 1, 1, 0, 0], [0, 0, 0, 1, 0], [1, 0, 0, 0, 0]])))
+    >>> fragments.pixels.tolist(), fragments.end_pixel.tolist()
+    ([0, 1, 2, 8], [[0, 8]])
     """
     links = np.ascontiguousarray(links)
     if links.ndim != 2 or links.dtype != np.uint8:

@@ -300,6 +300,16 @@ def trace_arcs(
     ValueError
         If the labels are not a two-dimensional int32 or uint32 array, the core is no window of it, or the
         origin is negative.
+
+    Examples
+    --------
+    Two regions side by side: one arc parts them, two part them from the outside.
+
+    >>> import numpy as np
+    >>> from tilepipe_kernels.polylines.arcs import trace_arcs
+    >>> arcs = trace_arcs(np.array([[1, 1, 2], [1, 1, 2]], np.int32))
+    >>> [sorted(sides) for sides in zip(arcs.left.tolist(), arcs.right.tolist(), strict=True)]
+    [[1, 2], [0, 2], [0, 1]]
     """
     if labels.ndim != 2 or labels.dtype not in (np.int32, np.uint32):
         raise ValueError(f"labels must be a 2-D array of int32 or uint32, got {labels.ndim}-D {labels.dtype}")

@@ -122,6 +122,17 @@ def trace_lines(
     ValueError
         For arrays of different shapes, elements that are not uint8, a core that is no window of the block, or a
         negative origin.
+
+    Examples
+    --------
+    An edge of three pixels between grey 100 and grey 150.
+
+    >>> import numpy as np
+    >>> from tilepipe_kernels.polylines.crack_lines import trace_lines
+    >>> grey = np.repeat([[100.0, 100.0, 150.0, 150.0]], 3, axis=0)
+    >>> vertical = np.repeat(np.array([[0, 1, 0, 0]], np.uint8), 3, axis=0)
+    >>> trace_lines(np.zeros_like(vertical), vertical, grey).vertices.tolist()  # corners of pixels
+    [[0, 2], [3, 2]]
     """
     grey = checked_observed(observed)
     for name, field in (("horizontal", horizontal), ("vertical", vertical)):

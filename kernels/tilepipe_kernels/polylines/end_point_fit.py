@@ -126,6 +126,16 @@ def fit_lines(
     ------
     ValueError
         For a tolerance < 0, pixel sizes that are not > 0, or a line of fewer than two vertices.
+
+    Examples
+    --------
+    A line with a jog of one pixel and a corner of five.
+
+    >>> import numpy as np
+    >>> from tilepipe_kernels.polylines.end_point_fit import fit_lines
+    >>> line = np.array([[0, 0], [0, 5], [1, 5], [1, 10], [6, 10]])
+    >>> fit_lines(np.array([0, 5]), line, tolerance=1.5)[1].tolist()
+    [[0, 0], [1, 10], [6, 10]]
     """
     if not (np.isfinite(tolerance) and tolerance >= 0 and pixel_height > 0 and pixel_width > 0):
         raise ValueError(f"tolerance ({tolerance}) must be ≥ 0 and pixel sizes > 0: give them in the same unit")

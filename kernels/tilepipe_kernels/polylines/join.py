@@ -113,6 +113,20 @@ def join_arcs(pieces: Iterable[ArcPieces]) -> Arcs:
     ------
     ValueError
         If a cut piece does not go on in any other: a tile is missing, doubled, or was traced without its halo.
+
+    Examples
+    --------
+    The arcs of two tiles, each traced with one pixel of its neighbour, are those of the whole.
+
+    >>> import numpy as np
+    >>> from tilepipe_kernels.polylines.arcs import trace_arcs
+    >>> from tilepipe_kernels.polylines.join import join_arcs
+    >>> labels = np.array([[1, 1, 1, 1], [1, 2, 2, 1], [1, 1, 1, 1]], np.int32)
+    >>> left = trace_arcs(labels[:, :3], core=(0, 3, 0, 2))
+    >>> right = trace_arcs(labels[:, 1:], core=(0, 3, 1, 3), origin=(0, 1))
+    >>> arcs, whole = join_arcs([right, left]), join_arcs([trace_arcs(labels)])
+    >>> bool((arcs.vertices == whole.vertices).all()), arcs.lengths().tolist()
+    (True, [14.0, 6.0])
     """
     parts = list(pieces)
     joined = _joined(parts)

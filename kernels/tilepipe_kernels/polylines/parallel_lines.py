@@ -93,6 +93,14 @@ def sample_lines(offsets: Int64, vertices: Float64, step: float) -> Samples:
     Returns
     -------
     Samples
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tilepipe_kernels.polylines.parallel_lines import sample_lines
+    >>> samples = sample_lines(np.array([0, 2]), np.array([[0.0, 0.0], [0.0, 4.0]]), step=2.0)
+    >>> samples.points.tolist(), samples.directions[0].tolist()
+    ([[0.0, 1.0], [0.0, 3.0]], [0.0, 1.0])
     """
     if not step > 0:
         raise ValueError(f"step must be more than 0, not {step}")
@@ -201,6 +209,19 @@ def opposite_samples(
     ------
     ValueError
         When ``least`` is not more than 0 or exceeds ``most``.
+
+    Examples
+    --------
+    Two borders 8 apart, the image dark between them.
+
+    >>> import numpy as np
+    >>> from tilepipe_kernels.polylines.parallel_lines import LEFT, RIGHT, opposite_samples, sample_lines
+    >>> vertices = np.array([[0.0, 0.0], [0.0, 20.0], [8.0, 0.0], [8.0, 20.0]])
+    >>> samples = sample_lines(np.array([0, 2, 4]), vertices, step=2.0)
+    >>> darker = np.array([RIGHT, LEFT], np.int8)
+    >>> found = opposite_samples(samples, darker, step=2.0, least=5.0, most=15.0, angle=20.0)
+    >>> np.unique(found.width[found.seen >= 0]).tolist(), int((found.seen >= 0).sum())
+    ([8.0], 20)
     """
     if not 0 < least <= most:
         raise ValueError(f"need 0 < least <= most, not {least} and {most}")

@@ -72,6 +72,19 @@ def assemble_polygons(arcs: Arcs) -> PolygonRings:
     ------
     ValueError
         If the arcs do not close (they are not those of a whole raster), are simplified, or more than 2**30.
+
+    Examples
+    --------
+    A courtyard in a building: the building has a shell and a hole, the courtyard a shell.
+
+    >>> import numpy as np
+    >>> from tilepipe_kernels.polylines.arcs import trace_arcs
+    >>> from tilepipe_kernels.polylines.join import join_arcs
+    >>> from tilepipe_kernels.polylines.polygons import assemble_polygons
+    >>> labels = np.array([[1, 1, 1], [1, 2, 1], [1, 1, 1]], np.int32)
+    >>> rings = assemble_polygons(join_arcs([trace_arcs(labels)]))
+    >>> rings.region.tolist(), np.diff(rings.polygon_offsets).tolist()
+    ([1, 2], [2, 1])
     """
     if len(arcs) >= 2**30:
         raise ValueError(f"{len(arcs)} arcs are more than 2**30: divide the raster")

@@ -50,6 +50,18 @@ def simplify_chains(
     ------
     ValueError
         For a tolerance < 0 or pixel sizes that are not > 0.
+
+    Examples
+    --------
+    The stairs of a diagonal border become one line.
+
+    >>> import numpy as np
+    >>> from tilepipe_kernels.polylines.join import Chains
+    >>> from tilepipe_kernels.polylines.simplify import simplify_chains
+    >>> stairs = np.repeat(np.arange(8), 2)
+    >>> vertices = np.stack([stairs[:-1], stairs[1:]], axis=1).astype(np.int32)
+    >>> simplify_chains(Chains(np.array([0, 15]), vertices), tolerance=0.75).vertices.tolist()
+    [[0, 0], [7, 7]]
     """
     tolerances = np.array(np.broadcast_to(tolerance, len(chains)), np.float64)
     if not (np.isfinite(tolerance).all() and np.all(tolerances >= 0) and pixel_height > 0 and pixel_width > 0):
@@ -72,7 +84,19 @@ def simplify_chains(
 def simplify_arcs(
     arcs: Arcs, tolerance: float | NDArray[np.float64], pixel_height: float = 1.0, pixel_width: float = 1.0
 ) -> Arcs:
-    """Simplify arcs and keep what lies on their sides; arguments and errors as `simplify_chains`."""
+    """Simplify arcs and keep what lies on their sides; arguments and errors as `simplify_chains`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tilepipe_kernels.polylines.arcs import trace_arcs
+    >>> from tilepipe_kernels.polylines.join import join_arcs
+    >>> from tilepipe_kernels.polylines.simplify import simplify_arcs
+    >>> labels = 1 + np.tri(40, 40, dtype=np.int32)  # two regions that meet along the diagonal
+    >>> arcs = join_arcs([trace_arcs(labels)])
+    >>> np.diff(arcs.offsets).max().item(), np.diff(simplify_arcs(arcs, tolerance=1.0).offsets).max().item()
+    (79, 3)
+    """
     chains = simplify_chains(arcs, tolerance, pixel_height, pixel_width)
     return Arcs(chains.offsets, chains.vertices, arcs.left, arcs.right)
 

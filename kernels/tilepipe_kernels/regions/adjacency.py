@@ -185,6 +185,16 @@ def contacts(labels: NDArray[np.int32], count: int) -> Contacts:
     ------
     ValueError
         For labels that are not two-dimensional int32, or lie outside 0..count.
+
+    Examples
+    --------
+    Region 1 touches region 2 along three pixel sides and region 3 along one.
+
+    >>> import numpy as np
+    >>> from tilepipe_kernels.regions.adjacency import contacts
+    >>> found = contacts(np.array([[1, 1, 1, 3], [2, 2, 2, 3]], np.int32), count=3)
+    >>> found.edges.tolist(), found.length.tolist()
+    ([[1, 2], [1, 3], [2, 3]], [3, 1, 1])
     """
     if labels.ndim != 2 or labels.dtype != np.int32:
         raise ValueError(f"labels must be a two-dimensional int32 array, not {labels.dtype} of shape {labels.shape}")

@@ -117,6 +117,15 @@ def colour_graph(edges: Edges, nodes: int) -> Colours:
     ------
     ValueError
         For a graph that needs more than 64 colours.
+
+    Examples
+    --------
+    A ring of five regions needs three colours.
+
+    >>> import numpy as np
+    >>> from tilepipe_kernels.regions.colouring import colour_graph
+    >>> colour_graph(np.array([[0, 1], [0, 4], [1, 2], [2, 3], [3, 4]], np.int32), nodes=5).tolist()
+    [0, 1, 0, 1, 2]
     """
     if on_device(edges):
         device = device_form(__name__)
@@ -138,6 +147,14 @@ def order_by_colour(colours: Colours) -> tuple[NDArray[np.int32], NDArray[np.int
     order, bounds
         int32 (n,) and int64 (colours + 1,): class c is ``order[bounds[c]:bounds[c + 1]]``, ascending.  The bounds
         are always the host's, which they tell how many threads a class takes.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tilepipe_kernels.regions.colouring import order_by_colour
+    >>> order, bounds = order_by_colour(np.array([0, 1, 0, 1, 2], np.uint8))
+    >>> order.tolist(), bounds.tolist()
+    ([0, 2, 1, 3, 4], [0, 2, 4, 5])
     """
     xp = namespace(colours)
     order = xp.argsort(colours, kind="stable").astype(xp.int32)
@@ -189,6 +206,20 @@ def count_components(edges: Edges, marked: NDArray[np.bool_]) -> tuple[int, int]
         Pairs of nodes, int32, shape (m, 2).
     marked
         bool, shape (n,).
+
+    Returns
+    -------
+    components, unmarked
+        Two numbers.
+
+    Examples
+    --------
+    Nodes 0 and 1 are joined, 2 and 3 too; of these only 0 has data.
+
+    >>> import numpy as np
+    >>> from tilepipe_kernels.regions.colouring import count_components
+    >>> count_components(np.array([[0, 1], [2, 3]], np.int32), np.array([True, False, False, False]))
+    (2, 1)
     """
     if on_device(edges, marked):
         device = device_form(__name__)

@@ -32,6 +32,14 @@ def label_extremes(labels: NDArray[np.int32], values: NDArray[Any], count: int) 
     ------
     ValueError
         For values on a device that are not int32 or int64.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tilepipe_kernels.regions.extremes import label_extremes
+    >>> lowest, highest = label_extremes(np.array([[1, 1, 2, 0]], np.int32), np.array([[5, 9, 7, 99]]), count=2)
+    >>> lowest.tolist(), highest.tolist()
+    ([5, 7], [9, 7])
     """
     if on_device(labels, values):
         return device_form(__name__).label_extremes(labels, values, count)

@@ -52,6 +52,13 @@ def rectangle_centers(block: NDArray[Any], rows: int, columns: int, origin: tupl
     ------
     ValueError
         For even or non-positive sizes, an origin off the grid, a block that is not two-dimensional.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tilepipe_kernels.regions.growing import rectangle_centers
+    >>> rectangle_centers(np.arange(36).reshape(6, 6), rows=3, columns=3).tolist()
+    [[7, 10], [25, 28]]
     """
     if rows < 1 or columns < 1 or rows % 2 == 0 or columns % 2 == 0:
         raise ValueError(f"rectangles need odd sizes to have a centre pixel, not {rows} x {columns}")
@@ -206,6 +213,18 @@ def grow_regions(values: ArrayLike, tolerance: float, *, maximum: float = math.i
     ValueError
         For a negative tolerance, an array that is not two-dimensional and real, or one of 2³¹ rectangles or
         more.
+
+    Examples
+    --------
+    A street whose grey changes slowly is one region; the roof beside it is another.
+
+    >>> import numpy as np
+    >>> from tilepipe_kernels.regions.growing import grow_regions
+    >>> grey = np.array([[40, 44, 48, 200], [42, 46, 50, 202], [np.nan, 49, 53, 203]])
+    >>> grow_regions(grey, tolerance=5).tolist()
+    [[1, 1, 1, 2], [1, 1, 1, 2], [0, 1, 1, 2]]
+    >>> grow_regions(grey, tolerance=5, maximum=100)[0].tolist()  # the dark regions alone
+    [1, 1, 1, 0]
     """
     array = as_array(values)
     if array.ndim != 2 or array.dtype.kind not in "buif":

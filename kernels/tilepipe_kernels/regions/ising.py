@@ -122,6 +122,18 @@ def field_marginals(
     ------
     ValueError
         For shapes that do not fit, couplings or evidence out of range.
+
+    Examples
+    --------
+    Three regions in a row: the middle one knows nothing by itself, and follows its neighbours.
+
+    >>> import numpy as np
+    >>> from tilepipe_kernels.regions.ising import field_marginals
+    >>> edges, evidence = np.array([[0, 1], [1, 2]], np.int32), np.array([3.0, 0.0, 3.0])
+    >>> alone = field_marginals(edges, np.zeros(2), evidence)
+    >>> beside = field_marginals(edges, np.full(2, 2.0), evidence)
+    >>> round(float(alone[1]), 1), bool(beside[1] > 0.9)
+    (0.5, True)
     """
     xp = namespace(edges, coupling, evidence, sites)
     evidence = xp.ascontiguousarray(evidence, xp.float64)

@@ -104,6 +104,18 @@ def merge_best(
         The merged regions, ordered by their lowest member.
     number
         New number of every old region, int32, shape (n,).
+
+    Examples
+    --------
+    Of a row of four regions the first two are most likely one; the third does not reach the least probability.
+
+    >>> import numpy as np
+    >>> from tilepipe_kernels.regions.contraction import RegionGraph, Statistics
+    >>> from tilepipe_kernels.regions.merging import merge_best
+    >>> statistics = Statistics(np.full(4, 9.0), np.array([6.0, 6.1, 8.0, 12.0]), np.zeros(4))
+    >>> graph = RegionGraph(statistics, np.array([[0, 1], [1, 2], [2, 3]], np.int32), np.full(3, 5, np.int32))
+    >>> merge_best(graph, np.array([0.9, 0.3, 0.1], np.float32), least=0.5)[1].tolist()
+    [0, 0, 1, 2]
     """
     regions = graph.statistics.count.size
     if on_device(graph.edges, probability):
@@ -157,6 +169,18 @@ def join_small(graph: RegionGraph, least: float) -> tuple[RegionGraph, NDArray[n
 
     Regions without neighbours stay.  Of equally similar neighbours the one with the longer border counts, then the
     one of the lower number.  Returns the graph and the new number of every old region.
+
+    Examples
+    --------
+    A region of two pixels joins the neighbour of the most similar height.
+
+    >>> import numpy as np
+    >>> from tilepipe_kernels.regions.contraction import RegionGraph, Statistics
+    >>> from tilepipe_kernels.regions.merging import join_small
+    >>> statistics = Statistics(np.array([90.0, 2.0, 90.0]), np.array([6.0, 11.0, 12.0]), np.zeros(3))
+    >>> graph = RegionGraph(statistics, np.array([[0, 1], [1, 2]], np.int32), np.array([5, 5], np.int32))
+    >>> join_small(graph, least=4)[1].tolist()
+    [0, 1, 1]
     """
     xp = namespace(graph.edges)
     region: NDArray[np.int32] = xp.arange(graph.statistics.count.size, dtype=xp.int32)

@@ -141,6 +141,17 @@ def region_table(
     ------
     ValueError
         For labels outside 0..count, or shapes that differ.
+
+    Examples
+    --------
+    A street of 2 × 4 pixels, beside which nothing is region.
+
+    >>> import numpy as np
+    >>> from tilepipe_kernels.regions.region_table import region_table
+    >>> labels = np.pad(np.ones((2, 4), np.int32), 1)
+    >>> table = region_table(labels, np.full((4, 6), 80.0), count=1)
+    >>> table.count.item(), table.horizontal_cracks.item(), table.vertical_cracks.item()
+    (8, 8, 4)
     """
     labels, grey = as_array(labels), as_array(values)
     device, xp = on_device(labels, grey), namespace(labels)
@@ -179,6 +190,13 @@ def contour_length(
         Counts, any shape.
     pixel_height, pixel_width
         Size of a rectangle on the ground; gives the unit of the result.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tilepipe_kernels.regions.region_table import contour_length
+    >>> contour_length(np.array([200]), np.array([40]), 0.5, 0.5).round(1).tolist()  # of a street of 50 m × 10 m
+    [94.2]
     """
     length = np.asarray(horizontal_cracks) * pixel_width + np.asarray(vertical_cracks) * pixel_height
     return np.asarray(math.pi / 4 * length, dtype=np.float64)
@@ -232,6 +250,14 @@ def region_contacts(labels: NDArray[np.int32], flagged: NDArray[np.bool_]) -> ND
     -------
     ndarray of int64, shape (m, 4)
         Lower label, higher label, number of horizontal and of vertical rectangle sides between them; sorted.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tilepipe_kernels.regions.region_table import region_contacts
+    >>> labels = np.array([[1, 1, 2], [1, 1, 2], [3, 3, 3]], np.int32)
+    >>> region_contacts(labels, np.array([False, True, True, False])).tolist()  # 1 and 2 reach a seam
+    [[1, 2, 0, 2]]
     """
     xp = namespace(labels, flagged)
     labels = xp.ascontiguousarray(labels, dtype=xp.int32)
@@ -289,6 +315,15 @@ def select_labels(labels: NDArray[np.int32], lookup: NDArray[Any]) -> NDArray[An
     ------
     ValueError
         For a label that has no entry, or arrays of other dimensions.
+
+    Examples
+    --------
+    Of three regions the second is no street.
+
+    >>> import numpy as np
+    >>> from tilepipe_kernels.regions.region_table import select_labels
+    >>> select_labels(np.array([[1, 2], [3, 0]], np.int32), np.array([False, True, False, True])).tolist()
+    [[True, False], [True, False]]
     """
     if labels.ndim != 2 or lookup.ndim != 1:
         raise ValueError("labels must be two-dimensional and the lookup table one-dimensional")

@@ -72,6 +72,23 @@ def main_directions(
     Returns
     -------
     Directions
+
+    Examples
+    --------
+    A building whose longer walls run at 30° from columns towards rows.
+
+    >>> import numpy as np
+    >>> from tilepipe_kernels.polylines.arcs import trace_arcs
+    >>> from tilepipe_kernels.polylines.join import join_arcs
+    >>> from tilepipe_kernels.polylines.regularise.directions import main_directions
+    >>> from tilepipe_kernels.polylines.simplify import simplify_arcs
+    >>> y, x = np.mgrid[-60:60, -60:60]
+    >>> labels = 1 + ((abs(0.87 * x + 0.5 * y) < 30) & (abs(0.87 * y - 0.5 * x) < 20)).astype(np.int32)
+    >>> arcs = simplify_arcs(join_arcs([trace_arcs(labels)]), tolerance=1.0)
+    >>> building = np.array([False, False, True])
+    >>> quarter = main_directions(arcs, labels.shape, 1.0, 1.0, building).quarter
+    >>> round(np.degrees(np.angle(quarter[-1])).item() / 4)
+    30
     """
     ids, left, right = _numbered(arcs.left.astype(np.int64), arcs.right.astype(np.int64))
     if regions is None:

@@ -1,4 +1,4 @@
-"""`region_field` on the device: classes of colours, a thread for each of their nodes."""
+"""`regions.ising` on the device: classes of colours, a thread for each of their nodes."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def _update(
 
 
 def sample(rows: Rows, bounds: Any, evidence: Any, sites: Any, seed: np.uint64, burn_in: int, draws: int) -> Any:
-    """Sums of the chances of class 1 over the draws, as of `region_field`; nothing of it is read by the host."""
+    """Sums of the chances of class 1 over the draws, as of `regions.ising`; nothing of it is read by the host."""
     xp = namespace(evidence)
     state, total = xp.empty_like(evidence), xp.zeros_like(evidence)
     _start(evidence.size, evidence, state)
