@@ -92,12 +92,32 @@ def render(city: City, layer: str, window: Window | None = None) -> NDArray[Any]
     ------
     InputError
         When the layer is unknown or the window is empty.
+
+    Examples
+    --------
+    Any window holds the same pixels, whatever else is rendered.
+
+    >>> from tilepipe.synthetic import City, render
+    >>> city = City(seed=7, rows=256, columns=256)
+    >>> streets = render(city, "streets")
+    >>> streets.shape, bool(0.05 < streets.mean() < 0.5)
+    ((256, 256), True)
+    >>> bool((render(city, "streets", (100, 50, 20, 30)) == streets[100:120, 50:80]).all())
+    True
     """
     return render_layers(city, (layer,), window)[layer]
 
 
 def render_layers(city: City, layers: Sequence[str], window: Window | None = None) -> dict[str, NDArray[Any]]:
-    """Several layers of a window, as ``render`` gives them, from one scene."""
+    """Several layers of a window, as ``render`` gives them, from one scene.
+
+    Examples
+    --------
+    >>> from tilepipe.synthetic import City, render_layers
+    >>> layers = render_layers(City(rows=128, columns=128), ["height", "aerial"])
+    >>> {name: (layer.shape, layer.dtype.name) for name, layer in layers.items()}
+    {'height': ((128, 128), 'float32'), 'aerial': ((3, 128, 128), 'uint8')}
+    """
     for layer in layers:
         if layer not in LAYERS:
             raise InputError(f"unknown layer {layer!r}; choose from {', '.join(LAYERS)}")

@@ -46,8 +46,8 @@ def speckle_table(deviation: float) -> NDArray[np.float32]:
     Examples
     --------
     >>> from tilepipe_kernels.city.intensity import speckle_table
-    >>> quantiles = speckle_table(0.16)
-    >>> round(float(quantiles.mean()), 3), round(float(quantiles.std()), 2)
+    >>> speckle = speckle_table(0.16)
+    >>> round(float(speckle.mean()), 2), round(float(speckle.std()), 2)
     (1.0, 0.16)
     """
     if deviation == 0:

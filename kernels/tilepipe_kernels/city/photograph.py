@@ -40,7 +40,7 @@ def sun() -> tuple[float, float, float]:
     Examples
     --------
     >>> import math
-    >>> from tilepipe.synthetic.photograph import sun
+    >>> from tilepipe_kernels.city.photograph import sun
     >>> round(math.hypot(*sun()), 6), sun()[2] > 0  # a unit vector that points up
     (1.0, True)
     """
