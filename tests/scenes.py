@@ -91,8 +91,3 @@ def run_streets(
     options = RunOptions(tile=tile, workers=workers, executor=executor)
     streets(raster, out=out, params=SMALL | params, options=options)
     return out
-
-
-def layer_bytes(out: Path) -> dict[str, bytes]:
-    """Content of all layers of a run."""
-    return {name: (out / name).read_bytes() for name in LAYERS}

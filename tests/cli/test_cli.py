@@ -17,10 +17,10 @@ import rasterio
 import typer
 
 import tilepipe
-from tests.scenes import SMALL, band, draw, layer_bytes, write_raster
+from tests.laws import Killed, layer_bytes, tiles
+from tests.scenes import SMALL, band, draw, write_raster
 from tilepipe import cli
 from tilepipe.cli.pipelines import assignments
-from tilepipe.engine import passes
 from tilepipe.engine.options import RunOptions, format_memory, parse_memory
 from tilepipe.engine.run import STATE
 from tilepipe.errors import InputError
@@ -59,26 +59,12 @@ def finished(tmp_path_factory, scene) -> Path:
     return out
 
 
-class Killed(BaseException):
-    """Stands for the end of the process."""
-
-
-def begin(monkeypatch, scene: Path, out: Path, tiles: int, error: type[BaseException] = Killed) -> list[str]:
+def begin(monkeypatch, scene: Path, out: Path, survived: int) -> list[str]:
     """Make a run that ends after some tiles; the command's arguments."""
-    run_tile, worked = passes._run_tile, []
-
-    def counting(*arguments):
-        if len(worked) == tiles:
-            raise error
-        worked.append(arguments)
-        return run_tile(*arguments)
-
     command = ["streets", str(scene), "--out", str(out), "--tile", "40", "--workers", "1", *SETTINGS, "--quiet"]
-    monkeypatch.setattr(passes, "_run_tile", counting)
     monkeypatch.setattr(sys, "argv", ["tilepipe", *command])
-    with pytest.raises((error, SystemExit)):
+    with tiles(lambda _, __, worked: Killed() if len(worked) == survived else None), pytest.raises(Killed):
         cli.main()
-    monkeypatch.setattr(passes, "_run_tile", run_tile)
     return command
 
 
@@ -164,7 +150,7 @@ def test_status_of_a_finished_run(tell, finished):
 
 def test_status_of_an_unfinished_run(tell, monkeypatch, scene, tmp_path):
     out = tmp_path / "run"
-    begin(monkeypatch, scene, out, tiles=13)
+    begin(monkeypatch, scene, out, survived=13)
     code, text, _ = tell("status", out)
     assert code == 0
     assert text.splitlines() == [
@@ -178,7 +164,7 @@ def test_status_of_an_unfinished_run(tell, monkeypatch, scene, tmp_path):
 
 def test_the_advice_of_status_resumes_the_run(tell, monkeypatch, scene, tmp_path, finished):
     out = tmp_path / "run"
-    begin(monkeypatch, scene, out, tiles=13)
+    begin(monkeypatch, scene, out, survived=13)
     code, text, _ = tell("run", out / STATE / "run.toml")
     assert code == 0
     assert text.splitlines() == [str(out / name) for name in ("streets.tif", "centerlines.parquet", "skeleton.parquet")]
@@ -268,19 +254,13 @@ def test_overwriting_in_another_format_leaves_no_old_layer(tell, tmp_path, scene
 # --- interruption and leftovers
 
 
-def test_an_interruption_is_one_line_and_130(tell, monkeypatch, capsys, scene, tmp_path, finished):
+def test_an_interruption_is_one_line_and_130(tell, scene, tmp_path, finished):
     out = tmp_path / "run"
-
-    def interrupted(*_):
-        raise KeyboardInterrupt
-
-    run_tile = passes._run_tile
-    monkeypatch.setattr(passes, "_run_tile", interrupted)
     command = ["streets", scene, "--out", out, "--tile", 40, "--workers", 1, *SETTINGS, "--quiet"]
-    code, text, error = tell(*command)
+    with tiles(lambda *_: KeyboardInterrupt()):
+        code, text, error = tell(*command)
     assert (code, text) == (130, "")
     assert error == "tilepipe: interrupted; run the same command again to resume\n"
-    monkeypatch.setattr(passes, "_run_tile", run_tile)
     assert tell(*command)[0] == 0
     assert layer_bytes(out) == layer_bytes(finished)
 
@@ -305,7 +285,7 @@ def test_an_interrupted_process_ends_with_one_line(scene, tmp_path):
 def test_state_without_an_identity_is_nobodys(tell, monkeypatch, scene, tmp_path, finished):
     """A process that ends while it clears its state leaves facts behind, which must not enter another run."""
     out = tmp_path / "run"
-    begin(monkeypatch, scene, out, tiles=13)
+    begin(monkeypatch, scene, out, survived=13)
     (out / STATE / "identity.toml").unlink()
     marker = out / STATE / "levels" / "r0000c0000.facts"
     marker.write_bytes((out / STATE / "levels" / "r0000c0001.facts").read_bytes())
@@ -317,7 +297,7 @@ def test_state_without_an_identity_is_nobodys(tell, monkeypatch, scene, tmp_path
 def test_overwriting_does_not_clear_the_state_of_a_process_at_work(tell, monkeypatch, scene, tmp_path):
     fcntl = pytest.importorskip("fcntl")
     out = tmp_path / "run"
-    command = begin(monkeypatch, scene, out, tiles=5)
+    command = begin(monkeypatch, scene, out, survived=5)
     with (out / STATE / "lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         code, _, error = tell(*command, "--set", "tolerance=3", "--overwrite")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,11 +12,9 @@ import rasterio
 from numpy.typing import NDArray
 from rasterio.transform import from_origin
 
+from tests.laws import assert_invisible, assert_resumes, layer_bytes
 from tilepipe import InputError, RunOptions, edges, plan_edges
-from tilepipe.engine import passes
-from tilepipe.errors import TileError
 from tilepipe.pipelines.edges.parameters import edge_parameters
-from tilepipe.tiling.grid import Tile
 from tilepipe_kernels.mrf.edge_energy import energy
 
 LAYERS = ("segments.tif", "lines.tif", "edges.parquet", "nevatia_babu.parquet", "edges.json")
@@ -50,16 +49,16 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write(tmp_path_factory.mktemp("scene") / "photo.tif", streets())
 
 
+def run(scene: Path, out: Path, options: RunOptions, **choice: object) -> None:
+    edges(scene, out=out, params=FEW | choice, options=options)
+
+
 @pytest.fixture(scope="module")
 def whole(scene: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("whole") / "run"
-    edges(scene, out=folder, params=FEW, options=RunOptions(tile=256, workers=1))
+    run(scene, folder, RunOptions(tile=256, workers=1))
+    assert sorted(layer_bytes(folder)) == sorted(LAYERS)
     return folder
-
-
-def same(folder: Path, other: Path) -> None:
-    for name in LAYERS:
-        assert (folder / name).read_bytes() == (other / name).read_bytes(), name
 
 
 @pytest.mark.parametrize(
@@ -68,8 +67,8 @@ def same(folder: Path, other: Path) -> None:
 def test_tiling_and_workers_do_not_show(
     scene: Path, whole: Path, tmp_path: Path, tile: int, workers: int, executor: str
 ) -> None:
-    edges(scene, out=tmp_path / "run", params=FEW, options=RunOptions(tile=tile, workers=workers, executor=executor))
-    same(tmp_path / "run", whole)
+    options = RunOptions(tile=tile, workers=workers, executor=executor)
+    assert_invisible(partial(run, scene), tmp_path, layer_bytes(whole), [options])
 
 
 @pytest.mark.parametrize(
@@ -85,31 +84,15 @@ def test_tiling_and_workers_do_not_show(
     ids=lambda choice: "-".join(map(str, choice.values())),
 )
 def test_tiling_does_not_show_with_any_choice(scene: Path, tmp_path: Path, choice: dict[str, object]) -> None:
-    for tile in (256, 70):
-        edges(scene, out=tmp_path / str(tile), params=FEW | choice, options=RunOptions(tile=tile, workers=2))
-    same(tmp_path / "256", tmp_path / "70")
+    chosen = partial(run, scene, **choice)
+    chosen(tmp_path / "whole", RunOptions(tile=256, workers=2))
+    assert_invisible(chosen, tmp_path, layer_bytes(tmp_path / "whole"), [RunOptions(tile=70, workers=2)])
 
 
-@pytest.mark.parametrize("stage", ["levels", "fields"])
-def test_a_failed_run_resumes(
-    scene: Path, whole: Path, tmp_path: Path, stage: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    run_tile, calls = passes._run_tile, []
-
-    def failing(bound: passes.BoundPass, folder: Path, tile: Tile) -> int:
-        calls.append(bound.name)
-        if bound.name == stage and sum(call == bound.name for call in calls) == 4:
-            raise RuntimeError("the lights went out")
-        return run_tile(bound, folder, tile)
-
+@pytest.mark.parametrize("failing", ["levels", "fields"])
+def test_a_failed_run_resumes(scene: Path, whole: Path, tmp_path: Path, failing: str) -> None:
     options = RunOptions(tile=64, workers=1)
-    with monkeypatch.context() as patched:
-        patched.setattr(passes, "_run_tile", failing)
-        with pytest.raises(TileError, match="the lights went out"):
-            edges(scene, out=tmp_path / "run", params=FEW, options=options)
-    assert not (tmp_path / "run" / "edges.parquet").exists()
-    edges(scene, out=tmp_path / "run", params=FEW, options=options)
-    same(tmp_path / "run", whole)
+    assert_resumes(partial(run, scene), tmp_path / "run", layer_bytes(whole), options, failing)
 
 
 def test_the_energy_is_that_of_the_published_fields(scene: Path, whole: Path) -> None:

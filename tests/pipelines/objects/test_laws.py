@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -9,11 +10,9 @@ import pytest
 import shapely
 from numpy.typing import NDArray
 
+from tests.laws import assert_invisible, assert_resumes, layer_bytes
 from tests.scenes import write_raster
 from tilepipe import InputError, RunOptions, objects, plan_objects
-from tilepipe.engine import passes
-from tilepipe.errors import TileError
-from tilepipe.tiling.grid import Tile
 
 LAYERS = ("regions.tif", "objects.parquet", "boundaries.parquet", "buildings.parquet", "convergence.json")
 FEW = {"burn_in": 10, "draws": 30, "largest_building": 40.0}
@@ -39,11 +38,16 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_raster(tmp_path_factory.mktemp("scene") / "dsm.tif", roofs())
 
 
+def run(scene: Path, out: Path, options: RunOptions) -> None:
+    objects(scene, out=out, params=FEW, options=options)
+
+
 @pytest.fixture(scope="module")
 def whole(scene: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
     folder = tmp_path_factory.mktemp("whole") / "run"
-    objects(scene, out=folder, params=FEW, options=RunOptions(tile=256, workers=1))
-    return {name: (folder / name).read_bytes() for name in LAYERS}
+    run(scene, folder, RunOptions(tile=256, workers=1))
+    assert sorted(layer_bytes(folder)) == sorted(LAYERS)
+    return layer_bytes(folder)
 
 
 @pytest.mark.parametrize(
@@ -53,32 +57,12 @@ def test_tiling_and_workers_do_not_show(
     scene: Path, whole: dict[str, bytes], tmp_path: Path, tile: int, workers: int, executor: str
 ) -> None:
     options = RunOptions(tile=tile, workers=workers, executor=executor)
-    objects(scene, out=tmp_path / "run", params=FEW, options=options)
-    for name in LAYERS:
-        assert (tmp_path / "run" / name).read_bytes() == whole[name], name
+    assert_invisible(partial(run, scene), tmp_path, whole, [options])
 
 
-@pytest.mark.parametrize("stage", ["leaves", "borders"])
-def test_a_failed_run_resumes(
-    scene: Path, whole: dict[str, bytes], tmp_path: Path, stage: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    run_tile, calls = passes._run_tile, []
-
-    def failing(bound: passes.BoundPass, folder: Path, tile: Tile) -> int:
-        calls.append(bound.name)
-        if bound.name == stage and sum(call == bound.name for call in calls) == 6:
-            raise RuntimeError("the lights went out")
-        return run_tile(bound, folder, tile)
-
-    options = RunOptions(tile=64, workers=1)
-    with monkeypatch.context() as patched:
-        patched.setattr(passes, "_run_tile", failing)
-        with pytest.raises(TileError, match="the lights went out"):
-            objects(scene, out=tmp_path / "run", params=FEW, options=options)
-    assert not (tmp_path / "run" / "objects.parquet").exists()
-    objects(scene, out=tmp_path / "run", params=FEW, options=options)
-    for name in LAYERS:
-        assert (tmp_path / "run" / name).read_bytes() == whole[name], name
+@pytest.mark.parametrize("failing", ["leaves", "borders"])
+def test_a_failed_run_resumes(scene: Path, whole: dict[str, bytes], tmp_path: Path, failing: str) -> None:
+    assert_resumes(partial(run, scene), tmp_path / "run", whole, RunOptions(tile=64, workers=1), failing)
 
 
 def test_the_tables_are_a_planar_coverage(scene: Path, tmp_path: Path) -> None:

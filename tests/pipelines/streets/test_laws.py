@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,11 +15,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from tests.scenes import LAYERS, SMALL, band, draw, layer_bytes, ring, run_streets, write_raster
-from tilepipe.engine import passes
+from tests.laws import Killed, assert_invisible, assert_resumes, layer_bytes, tiles
+from tests.scenes import LAYERS, SMALL, band, draw, ring, run_streets, write_raster
 from tilepipe.engine.options import RunOptions
 from tilepipe.engine.run import STATE
-from tilepipe.errors import InputError, TileError
+from tilepipe.errors import InputError
 from tilepipe.pipelines.streets.pipeline import streets
 
 SHAPE = (90, 110)
@@ -35,31 +36,38 @@ def scene_masks() -> dict[str, np.ndarray]:
     return {"cross": cross, "corner": corner, "rings": snake, "comb": comb}
 
 
+def _run(raster, parameters, out, options, **inputs):
+    streets(raster, out=out, params=parameters, options=options, **inputs)
+
+
+def pipeline(raster, **parameters):
+    """The run of the laws on a raster, with the small parameters."""
+    return partial(_run, raster, SMALL | parameters)
+
+
 @pytest.mark.parametrize("name", ["cross", "corner", "rings", "comb"])
 def test_tiling_is_invisible(tmp_path, name):
     values = draw(SHAPE, scene_masks()[name])
     values[40:44, 50:53] = np.nan
     values[10:30, 80:84] = np.nan
     raster = write_raster(tmp_path / "intensity.tif", values, nodata=float("nan"))
-    reference = layer_bytes(run_streets(raster, tmp_path / "whole", 1000))
-    for tile in (64, 32, 23, 16):
-        assert layer_bytes(run_streets(raster, tmp_path / f"t{tile}", tile)) == reference, tile
+    whole = layer_bytes(run_streets(raster, tmp_path / "whole", 1000))
+    assert_invisible(pipeline(raster), tmp_path, whole, [RunOptions(tile=tile, workers=1) for tile in (64, 32, 23, 16)])
 
 
 @pytest.mark.parametrize(("workers", "executor"), [(3, "threads"), (2, "processes")])
 def test_workers_are_invisible(tmp_path, workers, executor):
     raster = write_raster(tmp_path / "intensity.tif", draw(SHAPE, scene_masks()["cross"]))
-    reference = layer_bytes(run_streets(raster, tmp_path / "one", 30))
-    many = run_streets(raster, tmp_path / "many", 30, workers=workers, executor=executor)
-    assert layer_bytes(many) == reference
+    whole = layer_bytes(run_streets(raster, tmp_path / "whole", 30))
+    assert_invisible(pipeline(raster), tmp_path, whole, [RunOptions(tile=30, workers=workers, executor=executor)])
 
 
 def test_rectangles_are_cut_by_no_seam(tmp_path):
     raster = write_raster(tmp_path / "intensity.tif", draw(SHAPE, scene_masks()["cross"]))
     rectangle = {"rectangle_rows": 3, "rectangle_columns": 1}
-    reference = layer_bytes(run_streets(raster, tmp_path / "whole", 1000, **rectangle))
-    for tile in (40, 17):
-        assert layer_bytes(run_streets(raster, tmp_path / f"t{tile}", tile, **rectangle)) == reference
+    whole = layer_bytes(run_streets(raster, tmp_path / "whole", 1000, **rectangle))
+    choices = [RunOptions(tile=tile, workers=1) for tile in (40, 17)]
+    assert_invisible(pipeline(raster, **rectangle), tmp_path, whole, choices)
 
 
 def test_rectangles_with_voids_heights_and_data_driven_thresholds(tmp_path):
@@ -80,11 +88,10 @@ def test_rectangles_with_voids_heights_and_data_driven_thresholds(tmp_path):
         "ground_window": 24,
         "thresholds": "histogram",
     }
-    layers = []
-    for tile in (300, 60, 33, 12):
-        streets(raster, out=tmp_path / f"t{tile}", height=dsm, params=settings, options=RunOptions(tile=tile))
-        layers.append(layer_bytes(tmp_path / f"t{tile}"))
-    assert all(other == layers[0] for other in layers[1:])
+    run = partial(_run, raster, settings, height=dsm)
+    run(tmp_path / "whole", RunOptions(tile=300))
+    choices = [RunOptions(tile=tile) for tile in (60, 33, 12)]
+    assert_invisible(run, tmp_path, layer_bytes(tmp_path / "whole"), choices)
 
 
 @settings(max_examples=8, deadline=None, suppress_health_check=list(HealthCheck))
@@ -115,31 +122,21 @@ def test_the_cut_of_the_input_is_invisible(tmp_path):
     assert layer_bytes(run_streets(parts[::-1], tmp_path / "b", 50)) == reference
 
 
-class Killed(BaseException):
-    """Stands for the end of the process."""
-
-
 @pytest.mark.parametrize("survived", [0, 1, 5, 13, 20])
-def test_a_run_killed_at_any_tile_resumes(tmp_path, monkeypatch, survived):
+def test_a_run_killed_at_any_tile_resumes(tmp_path, survived):
     raster = write_raster(tmp_path / "intensity.tif", draw(SHAPE, scene_masks()["cross"]))
-    reference = layer_bytes(run_streets(raster, tmp_path / "reference", 40))
-    run_tile, worked = passes._run_tile, []
+    whole = layer_bytes(run_streets(raster, tmp_path / "whole", 40))
+    worked = assert_resumes(
+        pipeline(raster), tmp_path / "run", whole, RunOptions(tile=40, workers=1), survived=survived
+    )
+    assert len(worked) == 3 * 9
 
-    def counting(*arguments):
-        if len(worked) == survived:
-            raise Killed
-        worked.append(arguments)
-        return run_tile(*arguments)
 
-    monkeypatch.setattr(passes, "_run_tile", counting)
-    with pytest.raises(Killed):
-        run_streets(raster, tmp_path / "run", 40)
-    assert not any((tmp_path / "run" / name).exists() for name in (*LAYERS, "run.toml"))
-    first = len(worked)
-    monkeypatch.setattr(passes, "_run_tile", lambda *a: (worked.append(a), run_tile(*a))[1])
-    assert layer_bytes(run_streets(raster, tmp_path / "run", 40)) == reference
-    assert len(worked) - first == 3 * 9 - survived
-    assert not (tmp_path / "run" / STATE).exists()
+@pytest.mark.parametrize("failing", ["levels", "segment", "lines"])
+def test_a_failed_run_resumes(tmp_path, failing):
+    raster = write_raster(tmp_path / "intensity.tif", draw(SHAPE, scene_masks()["cross"]))
+    whole = layer_bytes(run_streets(raster, tmp_path / "whole", 40))
+    assert_resumes(pipeline(raster), tmp_path / "run", whole, RunOptions(tile=40, workers=1), failing)
 
 
 def _command(raster: Path, out: Path) -> list[str]:
@@ -181,21 +178,6 @@ def test_sigkill_at_random_moments_leaves_a_resumable_run(tmp_path):
     assert layer_bytes(out) == reference
 
 
-def test_a_failed_tile_publishes_nothing_and_is_named(tmp_path, monkeypatch):
-    raster = write_raster(tmp_path / "intensity.tif", draw(SHAPE, scene_masks()["cross"]))
-    run_tile = passes._run_tile
-
-    def failing(pass_, folder, tile):
-        if pass_.name == "segment" and tile.number == 4:
-            raise RuntimeError("broken memory")
-        return run_tile(pass_, folder, tile)
-
-    monkeypatch.setattr(passes, "_run_tile", failing)
-    with pytest.raises(TileError, match=r"segment: tile r0001c0001 .*broken memory"):
-        run_streets(raster, tmp_path / "run", 40)
-    assert not any((tmp_path / "run" / name).exists() for name in (*LAYERS, "run.toml"))
-
-
 def test_a_finished_run_is_not_replaced_unless_told(tmp_path):
     raster = write_raster(tmp_path / "intensity.tif", draw(SHAPE, scene_masks()["cross"]))
     out = run_streets(raster, tmp_path / "run", 64)
@@ -206,15 +188,9 @@ def test_a_finished_run_is_not_replaced_unless_told(tmp_path):
     assert layer_bytes(out)["centerlines.parquet"] != before["centerlines.parquet"]
 
 
-def test_an_unfinished_run_of_something_else_is_not_mixed_in(tmp_path, monkeypatch):
+def test_an_unfinished_run_of_something_else_is_not_mixed_in(tmp_path):
     raster = write_raster(tmp_path / "intensity.tif", draw(SHAPE, scene_masks()["cross"]))
-
-    def killed(*_):
-        raise Killed
-
-    monkeypatch.setattr(passes, "_run_tile", killed)
-    with pytest.raises(Killed):
+    with tiles(lambda *_: Killed()), pytest.raises(Killed):
         run_streets(raster, tmp_path / "run", 40)
-    monkeypatch.undo()
     with pytest.raises(InputError, match=r"differs in parameters\.tolerance"):
         run_streets(raster, tmp_path / "run", 40, tolerance=7)
