@@ -37,6 +37,12 @@ def pipeline(name: str) -> Pipeline:
     ------
     InputError
         When no package declares it, several do, or the package that does cannot be used; names the package.
+
+    Examples
+    --------
+    >>> from tilepipe.pipelines.registry import pipeline
+    >>> [layer.name for layer in pipeline("streets").layers]
+    ['streets.tif', 'centerlines', 'skeleton']
     """
     if name in OWN:
         found: Pipeline = import_module(f"tilepipe.pipelines.{name}.pipeline").PIPELINE
@@ -67,7 +73,14 @@ def face(name: str) -> tuple[str, tuple[Input, ...]]:
 
 
 def names() -> list[str]:
-    """Names of all pipelines: tilepipe's own, then those of other packages in alphabetical order."""
+    """Names of all pipelines: tilepipe's own, then those of other packages in alphabetical order.
+
+    Examples
+    --------
+    >>> from tilepipe.pipelines.registry import names
+    >>> {"edges", "objects", "streets"} <= set(names())
+    True
+    """
     return [*OWN, *sorted(set(_foreign()) - set(OWN))]
 
 

@@ -88,6 +88,24 @@ def edges(
         When an input or a parameter cannot be used.
     TileError
         When tiles failed; the finished ones are kept for the next try.
+
+    Examples
+    --------
+    A bright roof of 20 m × 15 m on dark ground.
+
+    >>> import geopandas
+    >>> import numpy as np
+    >>> import xarray as xr
+    >>> import tilepipe
+    >>> from tilepipe_kernels.core.random import normals
+    >>> grey = 60 + 3 * normals(np.arange(128 * 128).reshape(128, 128), seed=0)
+    >>> grey[40:70, 30:70] += 120
+    >>> centres = {"y": 5820000 - 0.5 * np.arange(128), "x": 392000 + 0.5 * np.arange(128)}
+    >>> options = tilepipe.RunOptions(tile=128, workers=1)
+    >>> photograph = xr.DataArray(grey, centres, ("y", "x"))
+    >>> _ = tilepipe.edges(photograph, "run", params={"levels": 2}, crs="EPSG:32633", options=options)
+    >>> round(geopandas.read_parquet("run/edges.parquet").length.sum())  # metres, around the roof
+    70
     """
     return run_pipeline(PIPELINE, rasters, out, params=params, crs=crs, band=band, options=options, progress=progress)
 
@@ -100,5 +118,17 @@ def plan_edges(
     band: int | None = None,
     options: RunOptions | None = None,
 ) -> Plan:
-    """Tiles, passes, halos and memory of a run, before any work; arguments and errors as for `edges`."""
+    """Tiles, passes, halos and memory of a run, before any work; arguments and errors as for `edges`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import xarray as xr
+    >>> import tilepipe
+    >>> y, x = 5820000 - 0.5 * np.arange(3000), 392000 + 0.5 * np.arange(4000)
+    >>> photograph = xr.DataArray(np.zeros((3000, 4000), np.uint8), {"y": y, "x": x}, ("y", "x"))
+    >>> plan = tilepipe.plan_edges(photograph, crs="EPSG:32633", options=tilepipe.RunOptions(tile=1024, workers=2))
+    >>> plan.tiles, plan.resolution, plan.memory < 8 << 30
+    (12, 0.5, True)
+    """
     return plan_pipeline(PIPELINE, rasters, params=params, crs=crs, band=band, options=options)

@@ -102,6 +102,22 @@ def objects(
         When an input or a parameter cannot be used.
     TileError
         When tiles failed; the finished ones are kept for the next try.
+
+    Examples
+    --------
+    Two blocks of 8 m and 12 m in height, each of 20 m × 20 m.
+
+    >>> import geopandas
+    >>> import numpy as np
+    >>> import xarray as xr
+    >>> import tilepipe
+    >>> heights = np.zeros((128, 128), np.float32)
+    >>> heights[20:60, 20:60], heights[20:60, 60:100] = 8, 12
+    >>> centres = {"y": 5820000 - 0.5 * np.arange(128), "x": 392000 + 0.5 * np.arange(128)}
+    >>> options = tilepipe.RunOptions(tile=128, workers=1)
+    >>> _ = tilepipe.objects(xr.DataArray(heights, centres, ("y", "x")), "run", crs="EPSG:32633", options=options)
+    >>> geopandas.read_parquet("run/objects.parquet").area.round().tolist()  # the ground and the two blocks
+    [3296.0, 400.0, 400.0]
     """
     return run_pipeline(PIPELINE, rasters, out, params=params, crs=crs, band=band, options=options, progress=progress)
 
@@ -114,5 +130,17 @@ def plan_objects(
     band: int | None = None,
     options: RunOptions | None = None,
 ) -> Plan:
-    """Tiles, passes, halos and memory of a run, before any work; arguments and errors as for `objects`."""
+    """Tiles, passes, halos and memory of a run, before any work; arguments and errors as for `objects`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import xarray as xr
+    >>> import tilepipe
+    >>> y, x = 5820000 - 0.5 * np.arange(3000), 392000 + 0.5 * np.arange(4000)
+    >>> heights = xr.DataArray(np.zeros((3000, 4000), np.float32), {"y": y, "x": x}, ("y", "x"))
+    >>> plan = tilepipe.plan_objects(heights, crs="EPSG:32633", options=tilepipe.RunOptions(tile=1024, workers=2))
+    >>> plan.tiles, plan.resolution, plan.memory < 8 << 30
+    (12, 0.5, True)
+    """
     return plan_pipeline(PIPELINE, rasters, params=params, crs=crs, band=band, options=options)

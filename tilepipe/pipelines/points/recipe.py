@@ -102,6 +102,22 @@ def grid_clouds(
     ------
     InputError
         For anything that the user can mend: bad files, CRSs, options, too little memory or disk.
+
+    Examples
+    --------
+    Three points in a row of cells of one metre: two in the first, one in the third.
+
+    >>> import laspy
+    >>> import numpy as np
+    >>> import rasterio
+    >>> import tilepipe
+    >>> cloud = laspy.create()
+    >>> cloud.x, cloud.y, cloud.z = np.array([[0.2, 0.7, 2.5], [0.5, 0.5, 0.5], [3.0, 4.0, 9.0]])
+    >>> cloud.write("cloud.las")
+    >>> path = tilepipe.grid_clouds(["cloud.las"], "heights.tif", resolution=1.0, method="max", crs="EPSG:32633")
+    >>> with rasterio.open(path) as heights:
+    ...     heights.read(1).tolist()
+    [[4.0, nan, 9.0]]
     """
     out = Path(out)
     if out.exists() and not overwrite:

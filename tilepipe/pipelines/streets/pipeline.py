@@ -82,6 +82,20 @@ def streets(
         When an input or a parameter cannot be used.
     TileError
         When tiles failed; the finished ones are kept for the next try.
+
+    Examples
+    --------
+    A synthetic city of 256 m × 256 m.
+
+    >>> import geopandas
+    >>> import tilepipe
+    >>> from tilepipe.synthetic import City, write_city
+    >>> city = write_city("city", City(rows=512, columns=512), layers=["intensity"])
+    >>> layers = tilepipe.streets(city["intensity"], out="run", options=tilepipe.RunOptions(tile=512, workers=1))
+    >>> [path.name for path in layers]
+    ['streets.tif', 'centerlines.parquet', 'skeleton.parquet']
+    >>> geopandas.read_parquet("run/centerlines.parquet").length.sum().item() > 500  # metres
+    True
     """
     return run_pipeline(
         PIPELINE,
@@ -105,7 +119,19 @@ def plan_streets(
     band: int | None = None,
     options: RunOptions | None = None,
 ) -> Plan:
-    """Tiles, passes, halos and memory of a run, before any work; arguments and errors as for `streets`."""
+    """Tiles, passes, halos and memory of a run, before any work; arguments and errors as for `streets`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import xarray as xr
+    >>> import tilepipe
+    >>> y, x = 5820000 - 0.5 * np.arange(3000), 392000 + 0.5 * np.arange(4000)
+    >>> intensity = xr.DataArray(np.zeros((3000, 4000), np.uint8), {"y": y, "x": x}, ("y", "x"))
+    >>> plan = tilepipe.plan_streets(intensity, crs="EPSG:32633", options=tilepipe.RunOptions(tile=1024, workers=2))
+    >>> plan.tiles, plan.resolution, plan.memory < 8 << 30
+    (12, 0.5, True)
+    """
     return plan_pipeline(
         PIPELINE, rasters, inputs={"heights": height}, params=params, crs=crs, band=band, options=options
     )
