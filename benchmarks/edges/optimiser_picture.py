@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from benchmarks.edges.optimisers import ICM, PARALLEL, Solved
 from tilepipe.io.atomic import atomic_write
-from tilepipe.report.frame import INK
+from tilepipe.report.map import INK
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

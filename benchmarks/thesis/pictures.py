@@ -14,7 +14,7 @@ from benchmarks.thesis.results import CORNER, Results
 from benchmarks.thesis.runs import RUNS, Classical, Field, Form
 from benchmarks.thesis.scenes import Points, Scene
 from tilepipe.io.atomic import atomic_write
-from tilepipe.report.frame import INK
+from tilepipe.report.map import INK
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -76,8 +76,8 @@ def run_demo(out: Path, *, size: int = 2048, seed: int = 0, progress: Progress |
         What was made and how good it is, for people.
     """
     from tilepipe.evaluate.lines import evaluate
+    from tilepipe.pipelines.streets.pictures import pictures
     from tilepipe.pipelines.streets.pipeline import streets
-    from tilepipe.report.page import report
     from tilepipe.synthetic import City, write_city
 
     progress = progress or Silent()
@@ -111,5 +111,5 @@ def run_demo(out: Path, *, size: int = 2048, seed: int = 0, progress: Progress |
             f"RMS {score.rms_distance:.2f} m (within {BUFFER:g} m of the truth)"
         )
     lines.append("look at:")
-    lines += [f"  {path}" for path in report(run)]
+    lines += [f"  {path}" for path in pictures(run)]
     return "\n".join(lines)

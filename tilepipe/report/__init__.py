@@ -1,1 +1,1 @@
-"""Pictures and map pages of finished runs."""
+"""The toolkit for pictures and map pages of finished runs."""

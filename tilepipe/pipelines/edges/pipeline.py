@@ -43,6 +43,7 @@ PIPELINE = Pipeline(
     layers=(SEGMENTS, LINES, EDGES, NEVATIA_BABU, IMAGE_SUMMARY),
     seeded=True,
     bytes_per_megapixel=_PER_MEGAPIXEL,
+    pictures="tilepipe.pipelines.edges.pictures:pictures",
 )
 
 

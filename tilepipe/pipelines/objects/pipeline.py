@@ -56,6 +56,7 @@ PIPELINE = Pipeline(
     layers=(REGIONS, BUILDINGS, OBJECTS, BOUNDARIES, CONVERGENCE),
     seeded=True,
     bytes_per_megapixel=_PER_MEGAPIXEL,
+    pictures="tilepipe.pipelines.objects.pictures:pictures",
 )
 
 

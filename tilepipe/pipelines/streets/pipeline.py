@@ -36,6 +36,7 @@ PIPELINE = Pipeline(
     passes=(LEVELS, SEGMENT, RESPONSES, LINES),
     recipe=recipe,
     layers=(REGIONS, CENTERLINES, SKELETON),
+    pictures="tilepipe.pipelines.streets.pictures:pictures",
 )
 
 

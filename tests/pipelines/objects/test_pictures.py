@@ -13,7 +13,7 @@ from PIL import Image
 from rasterio.transform import from_origin
 
 from tilepipe.io.formats import write_table
-from tilepipe.report.objects import BORDER_COLOURS, object_pictures
+from tilepipe.pipelines.objects.pictures import BORDER_COLOURS, pictures
 
 CRS = "EPSG:28992"
 LEFT, TOP, SIDE = 120_000.0, 486_000.0, 60
@@ -48,15 +48,15 @@ def row_through(path: Path, colour: str) -> int:
 
 
 def test_doubtful_borders_stand_out(tmp_path: Path) -> None:
-    whole, certain = object_pictures(fabricate(tmp_path / "certain", 0.0))
-    _, doubtful = object_pictures(fabricate(tmp_path / "doubtful", 0.25))
+    whole, certain, _ = pictures(fabricate(tmp_path / "certain", 0.0))
+    _, doubtful, _ = pictures(fabricate(tmp_path / "doubtful", 0.25))
     assert row_through(certain, BORDER_COLOURS[1]) == row_through(whole, BORDER_COLOURS[1]) == 0
     assert row_through(doubtful, BORDER_COLOURS[1]) >= 3
 
 
 @pytest.mark.parametrize("probability", [0.0, np.nan])
 def test_the_detail_has_bars_of_heights_and_of_probabilities(tmp_path: Path, probability: float) -> None:
-    whole, detail = (Image.open(path) for path in object_pictures(fabricate(tmp_path / "run", probability)))
+    whole, detail = (Image.open(path) for path in pictures(fabricate(tmp_path / "run", probability))[:2])
     for picture, bars in ((whole, 1), (detail, 2)):
         pixels = np.asarray(picture.convert("L"))
         # the last dark column is the outline of the bars, which are 16 pixels wide

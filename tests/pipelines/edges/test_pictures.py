@@ -17,8 +17,8 @@ from PIL import Image
 
 from tests.scenes import write_raster
 from tilepipe import InputError, edges
-from tilepipe.report.edges import BORDER_COLOUR, EDGE_COLOUR, NEVATIA_BABU_COLOUR, edge_pictures
-from tilepipe.report.frame import NODATA_TINT, pen
+from tilepipe.pipelines.edges.pictures import BORDER_COLOUR, EDGE_COLOUR, NEVATIA_BABU_COLOUR, pictures
+from tilepipe.report.map import NODATA_TINT
 
 NAMES = ["quicklook.png", "quicklook_detail.png"]
 
@@ -62,13 +62,15 @@ def words(folder: Path, monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
         save(figure, *arguments, **options)
 
     monkeypatch.setattr(Figure, "savefig", spy)
-    edge_pictures(folder)
+    pictures(folder)
     return written
 
 
 def test_pictures_show_both_methods(run: Path) -> None:
-    whole, detail = paths = edge_pictures(run)
+    *paths, page = pictures(run)
+    whole, detail = paths
     assert [path.name for path in paths] == NAMES
+    assert page.name == "report.html"
     assert all(max(Image.open(path).size) <= 2000 for path in paths)
     for path in paths:
         # the roof has four sides, the street two that are candidates
@@ -77,7 +79,7 @@ def test_pictures_show_both_methods(run: Path) -> None:
     assert share(detail, NEVATIA_BABU_COLOUR) > 2e-3
     assert share(whole, NEVATIA_BABU_COLOUR) == 0
     first = [path.read_bytes() for path in paths]
-    assert [path.read_bytes() for path in edge_pictures(run)] == first
+    assert [path.read_bytes() for path in pictures(run)[:-1]] == first
 
 
 def test_levels_stand_in_for_a_lost_photograph(run: Path, tmp_path: Path) -> None:
@@ -85,9 +87,9 @@ def test_levels_stand_in_for_a_lost_photograph(run: Path, tmp_path: Path) -> Non
     shutil.copytree(run, folder)
     record = (folder / "run.toml").read_text()
     assert "photograph.tif" in record
-    with_photograph = edge_pictures(folder)[1].read_bytes()
+    with_photograph = pictures(folder)[1].read_bytes()
     (folder / "run.toml").write_text(record.replace("photograph.tif", "lost.tif"))
-    detail = edge_pictures(folder)[1]
+    detail = pictures(folder)[1]
     assert detail.read_bytes() != with_photograph
     assert share(detail, EDGE_COLOUR) > 5e-4
 
@@ -96,7 +98,7 @@ def test_a_run_without_lines_of_the_classical_method(run: Path, tmp_path: Path) 
     folder = tmp_path / "run"
     shutil.copytree(run, folder)
     (folder / "nevatia_babu.parquet").unlink()
-    assert share(edge_pictures(folder)[1], NEVATIA_BABU_COLOUR) == 0
+    assert share(pictures(folder)[1], NEVATIA_BABU_COLOUR) == 0
 
 
 def test_levels_and_nodata_have_a_legend(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -127,21 +129,10 @@ def test_the_legend_names_only_what_is_drawn(run: Path, tmp_path: Path, monkeypa
 
 
 def test_of_too_many_lines_the_longest_are_drawn(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tilepipe.report.edges._MOST_LINES", 1)
+    monkeypatch.setattr("tilepipe.report.map.MOST_LINES", 1)
     assert "may be the border of a street (the 1 longest)" in words(run, monkeypatch)[0]
-
-
-def test_the_pen_follows_scale_and_density() -> None:
-    near, far = pen(0.1, 0.01), pen(1.0, 0.01)
-    assert near[0] > 2 * far[0]
-    assert near[1] == far[1] == 1
-    dense, carpet = pen(1.0, 0.15), pen(1.0, 0.5)
-    assert far[0] > dense[0] > carpet[0] > 0
-    assert dense[1] == pytest.approx(1)
-    assert 0.3 <= carpet[1] < 1
-    assert pen(1.0, 50.0) == (carpet[0], 0.3)
 
 
 def test_other_folders_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="finished edges run"):
-        edge_pictures(tmp_path)
+        pictures(tmp_path)
