@@ -14,7 +14,7 @@ from tilepipe.io.sources import nodata_of
 from tilepipe.pipelines.streets.reconcile_regions import SUMMED, Regions, reconcile_regions
 from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import Tile, TileGrid
-from tilepipe.tiling.seams import edge_facts, raster_borders, touches_seam
+from tilepipe.tiling.seams import border_facts, raster_borders, touches_seam
 from tilepipe_kernels.image import diffusion, morphology
 from tilepipe_kernels.network import skeleton
 from tilepipe_kernels.regions import growing, region_table
@@ -224,7 +224,7 @@ class _Growing:
         facts: Facts = {name: getattr(table, name) for name in SUMMED}
         facts["first"] = (row + tile.core.top) * grid.shape[1] + column + tile.core.left
         facts["contacts"] = region_table.region_contacts(labels, touches_seam(labels, count, borders))
-        return labels, facts | edge_facts("label", labels) | edge_facts("grey", values)
+        return labels, facts | border_facts("label", labels) | border_facts("grey", values)
 
     def reconcile(self, grid: TileGrid, facts: list[Facts]) -> tuple[Regions, NDArray[np.uint32]]:
         """Regions of the whole raster and the id of every local label."""

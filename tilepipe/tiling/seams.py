@@ -15,18 +15,21 @@ from tilepipe_kernels.core.arrays import namespace
 _SIDES = ("top", "bottom", "left", "right")
 
 
-def edge_facts(name: str, core: NDArray[Any]) -> Facts:
+def border_facts(name: str, core: NDArray[Any]) -> Facts:
     """The outermost rows and columns of a core as facts named ``<name>:<side>``: top, bottom, left, right.
 
     Examples
     --------
     >>> import numpy as np
-    >>> from tilepipe.tiling.seams import edge_facts
-    >>> {name: values.tolist() for name, values in edge_facts("grey", np.array([[1, 2], [3, 4]])).items()}
+    >>> from tilepipe.tiling.seams import border_facts
+    >>> {name: values.tolist() for name, values in border_facts("grey", np.array([[1, 2], [3, 4]])).items()}
     {'grey:top': [1, 2], 'grey:bottom': [3, 4], 'grey:left': [1, 3], 'grey:right': [2, 4]}
     """
-    edges = core[0], core[-1], core[:, 0], core[:, -1]
-    return {f"{name}:{side}": edge.copy() for side, edge in zip(_SIDES, edges, strict=True)}
+    return {f"{name}:{side}": border.copy() for side, border in zip(_SIDES, _borders(core), strict=True)}
+
+
+def _borders(core: NDArray[Any]) -> tuple[NDArray[Any], ...]:
+    return core[0], core[-1], core[:, 0], core[:, -1]
 
 
 def raster_borders(grid: TileGrid, number: int) -> tuple[bool, bool, bool, bool]:
@@ -72,14 +75,14 @@ def touches_seam(labels: NDArray[np.int32], count: int, borders: tuple[bool, boo
     """
     xp = namespace(labels)
     touching: NDArray[np.bool_] = xp.zeros(count + 1, xp.bool_)
-    for edge, on_border in zip((labels[0], labels[-1], labels[:, 0], labels[:, -1]), borders, strict=True):
-        if not on_border:
-            touching[edge] = True
+    for border, of_raster in zip(_borders(labels), borders, strict=True):
+        if not of_raster:
+            touching[border] = True
     touching[0] = False
     return touching
 
 
-def seam_edges(grid: TileGrid, facts: list[Facts], name: str) -> Iterator[tuple[Seam, NDArray[Any], NDArray[Any]]]:
+def seam_sides(grid: TileGrid, facts: list[Facts], name: str) -> Iterator[tuple[Seam, NDArray[Any], NDArray[Any]]]:
     """For each seam the values of both sides along it, pixel by pixel.
 
     Parameters
@@ -87,9 +90,9 @@ def seam_edges(grid: TileGrid, facts: list[Facts], name: str) -> Iterator[tuple[
     grid
         Tiling.
     facts
-        Facts of each tile in row-major order, with those of `edge_facts`.
+        Facts of each tile in row-major order, with those of `border_facts`.
     name
-        As given to `edge_facts`.
+        As given to `border_facts`.
 
     Yields
     ------
@@ -102,10 +105,10 @@ def seam_edges(grid: TileGrid, facts: list[Facts], name: str) -> Iterator[tuple[
 
     >>> import numpy as np
     >>> from tilepipe.tiling.grid import TileGrid
-    >>> from tilepipe.tiling.seams import edge_facts, seam_edges
+    >>> from tilepipe.tiling.seams import border_facts, seam_sides
     >>> grid, labels = TileGrid((2, 4), (2, 2)), np.array([[0, 1, 1, 0], [0, 2, 0, 3]])
-    >>> facts = [edge_facts("labels", labels[tile.core.slices]) for tile in grid.tiles()]
-    >>> [(first.tolist(), second.tolist()) for _, first, second in seam_edges(grid, facts, "labels")]
+    >>> facts = [border_facts("labels", labels[tile.core.slices]) for tile in grid.tiles()]
+    >>> [(first.tolist(), second.tolist()) for _, first, second in seam_sides(grid, facts, "labels")]
     [([1, 2], [1, 0])]
     """
     for seam in grid.seams():

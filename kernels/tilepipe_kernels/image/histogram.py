@@ -161,6 +161,7 @@ def otsu_classes(counts: NDArray[np.int64]) -> tuple[int, float, float]:
     """
     if np.count_nonzero(counts) < 2:
         raise ValueError("the raster holds a single grey value")
+    # float64 throughout: in float32, as scikit-image counts, the split of a city's billions of pixels strays
     bins = np.arange(counts.size, dtype=np.float64)
     weight = np.cumsum(counts).astype(np.float64)
     moment = np.cumsum(counts * bins)

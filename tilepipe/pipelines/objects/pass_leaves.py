@@ -15,7 +15,7 @@ from tilepipe.pipelines.objects.leaf_features import TICKS_PER_METRE, ReliefGaug
 from tilepipe.pipelines.objects.parameters import ObjectParameters
 from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import Tile, TileGrid
-from tilepipe.tiling.seams import edge_facts
+from tilepipe.tiling.seams import border_facts
 from tilepipe_kernels.core.arrays import Backend, namespace, to_backend
 from tilepipe_kernels.regions import adjacency, extremes, quadtree
 
@@ -98,7 +98,7 @@ def find_leaves(context: LeafContext, tile: Tile) -> Facts:
     facts["absurd"] = xp.sum(absurd[inner], dtype=np.int64, keepdims=True).reshape(1)
     if context.parameters.buildings:
         facts |= context.relief.measure(around, labels, leaves.count, tile)
-    return facts | write_state({"labels": context.labels}, tile, {"labels": labels}) | edge_facts("label", labels)
+    return facts | write_state({"labels": context.labels}, tile, {"labels": labels}) | border_facts("label", labels)
 
 
 LEAVES = Pass("leaves", find_leaves, halo=halo, bytes_per_pixel=60, writes={"labels": State("int32")})

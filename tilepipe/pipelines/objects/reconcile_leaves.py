@@ -17,7 +17,7 @@ from tilepipe.pipelines.objects.leaf_features import TICKS_PER_METRE, Relief
 from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import TileGrid
 from tilepipe.tiling.numbering import Numbering
-from tilepipe.tiling.seams import seam_edges
+from tilepipe.tiling.seams import seam_sides
 from tilepipe_kernels.regions.merging import RegionGraph, Statistics
 
 _PLAUSIBLE = -500.0, 9000.0
@@ -145,7 +145,7 @@ def _tile_contacts(
 def _seam_contacts(
     grid: TileGrid, facts: list[Facts], numbering: Numbering, rank: NDArray[np.int32]
 ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int32]]]:
-    for seam, a, b in seam_edges(grid, facts, "label"):
+    for seam, a, b in seam_sides(grid, facts, "label"):
         both = (a > 0) & (b > 0)
         ends = [rank[numbering.globalise(tile, side[both])] for tile, side in ((seam.first, a), (seam.second, b))]
         keys, sides = np.unique(_keys(np.stack(ends, axis=1)), return_counts=True)

@@ -18,7 +18,7 @@ from tilepipe.pipelines.streets.pass_levels import GreyScale
 from tilepipe.pipelines.streets.reconcile_regions import SUMMED
 from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import Tile, TileGrid, Window
-from tilepipe.tiling.seams import edge_facts, raster_borders, touches_seam
+from tilepipe.tiling.seams import border_facts, raster_borders, touches_seam
 from tilepipe_kernels.core.arrays import Backend, namespace, to_backend
 from tilepipe_kernels.image import diffusion, grey_levels, morphology
 from tilepipe_kernels.image.fill import fill_voids
@@ -98,7 +98,7 @@ def segment(context: SegmentContext, tile: Tile) -> Facts:
     labels = region_table.select_labels(labels, kept)
     packed = grey_levels.store(smooth, _expand(labels > 0, context.rectangle, smooth.shape), missing)
     facts = write_state({"labels": context.labels, "grey": context.grey}, tile, {"labels": labels, "grey": packed})
-    return facts | table | edge_facts("label", labels) | edge_facts("grey", centres)
+    return facts | table | border_facts("label", labels) | border_facts("grey", centres)
 
 
 SEGMENT = Pass(

@@ -14,7 +14,7 @@ from tilepipe.pipelines.streets.parameters import StreetParameters
 from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import TileGrid
 from tilepipe.tiling.numbering import Numbering
-from tilepipe.tiling.seams import seam_edges
+from tilepipe.tiling.seams import seam_sides
 from tilepipe_kernels.core.components import connected_components
 from tilepipe_kernels.regions.region_table import contour_length
 
@@ -161,7 +161,7 @@ def _seam_contacts(
     joins: list[NDArray[np.int64]] = [np.empty((0, 2), np.int64)]
     contacts: dict[bool, list[NDArray[np.int64]]] = {False: [joins[0]], True: [joins[0]]}
     for (seam, a, b), (_, grey_a, grey_b) in zip(
-        seam_edges(grid, facts, "label"), seam_edges(grid, facts, "grey"), strict=True
+        seam_sides(grid, facts, "label"), seam_sides(grid, facts, "grey"), strict=True
     ):
         pairs = np.stack([numbering.globalise(seam.first, a), numbering.globalise(seam.second, b)], axis=1)
         near = np.abs(grey_a - grey_b) <= np.float32(tolerance)
