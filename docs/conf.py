@@ -11,6 +11,11 @@ sys.path[:0] = [str(ROOT), str(ROOT / "kernels")]
 # Commands and notebooks that the pages run are to find the same sources, and the program beside the interpreter.
 os.environ["PYTHONPATH"] = os.pathsep.join([*sys.path[:2], os.environ.get("PYTHONPATH", "")])
 os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+# Pages run the same whatever the configuration of IPython is here; its kernels warn of nothing but errors.
+IPYTHON = ROOT / "docs" / "_build" / "ipython"
+os.environ["IPYTHONDIR"] = str(IPYTHON)
+(IPYTHON / "profile_default").mkdir(parents=True, exist_ok=True)
+(IPYTHON / "profile_default" / "ipython_kernel_config.py").write_text("c.IPKernelApp.log_level = 40\n")
 
 import tilepipe
 
