@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import os
+import re
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -12,6 +13,8 @@ from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
 from docs.from_code import columns, commands, kernels, parameters
+
+_ARRAY = re.compile(r"~?(?:numpy\.)?ndarray\[tuple\[[^]]*\], ~?(?:numpy\.)?dtype\[([^]]*)\]\]")
 
 
 class FromCode(SphinxDirective):
@@ -50,10 +53,19 @@ def _kernel_page(package: Any) -> str:
     parts = [_heading(name, "="), inspect.getdoc(package) or ""]
     for module in kernels.modules(package):
         parts += [_heading(module.__name__.removeprefix(f"{name}."), "-"), f".. automodule:: {module.__name__}"]
-        parts += [
-            f".. auto{kind}:: {item}" + "\n   :members:" * (kind == "class") for kind, item in kernels.public(module)
-        ]
+        parts += [_entry(module, kind, item) for kind, item in kernels.public(module)]
     return "\n\n".join(parts) + "\n"
+
+
+def _entry(module: Any, kind: str, name: str) -> str:
+    methods = kernels.methods(getattr(module, name)) if kind == "class" else []
+    return f".. auto{kind}:: {name}" + (f"\n   :members: {', '.join(methods)}" if methods else "")
+
+
+def shorten_arrays(*event: Any) -> tuple[str | None, str | None]:
+    """Call arrays in signatures what the code calls them: ``NDArray[np.float32]``, not what that stands for."""
+    signature, returned = event[-2:]
+    return tuple(text and _ARRAY.sub(r"NDArray[\1]", text) for text in (signature, returned))  # type: ignore[return-value]
 
 
 def _heading(text: str, line: str) -> str:
@@ -65,4 +77,5 @@ def setup(app: Sphinx) -> dict[str, Any]:
     for name in FromCode.texts:
         app.add_directive(name, FromCode)
     app.connect("builder-inited", write_kernel_pages)
+    app.connect("autodoc-process-signature", shorten_arrays)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -10,7 +10,8 @@ import importlib
 import inspect
 import pkgutil
 from collections.abc import Iterator
-from types import ModuleType
+from functools import cached_property
+from types import FunctionType, ModuleType
 
 import tilepipe_kernels
 
@@ -41,3 +42,9 @@ def public(module: ModuleType) -> Iterator[tuple[str, str]]:
             yield "class", name
         elif inspect.isfunction(item) and "\n----" in (inspect.getdoc(item) or ""):
             yield "function", name
+
+
+def methods(kind: type) -> list[str]:
+    """Public methods and properties of a class; its fields stand in its docstring."""
+    sorts = (FunctionType, classmethod, staticmethod, property, cached_property)
+    return [name for name, item in vars(kind).items() if not name.startswith("_") and isinstance(item, sorts)]
