@@ -55,7 +55,8 @@ def test_examples_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     monkeypatch.chdir(tmp_path)
     names: dict[str, object] = {}
     for block in pages.code_blocks(pages.text_of(page), "python"):
-        exec(block, names)  # the examples of a page follow one another, as in a session
+        # the examples of a page follow one another, as in a session
+        exec(compile(block, str(page), "exec", dont_inherit=True), names)
 
 
 def test_cells_that_the_build_runs_are_python() -> None:
