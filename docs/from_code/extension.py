@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 from docutils import nodes
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
+from sphinx.util.parallel import make_chunks
 
 from docs.from_code import columns, commands, kernels, parameters
 
@@ -69,10 +70,11 @@ def shorten_arrays(*event: Any) -> tuple[str | None, str | None]:
 
 
 def deal_out(app: Sphinx, environment: Any, names: list[str]) -> None:
-    """Let the pages that run be read first and by two processes, which take ten pages each, so that neither waits."""
+    """Let the pages that run be read first and by two processes, each of which takes a chunk of pages."""
     running = [name for name in names if name.startswith("tutorials/")]
     others = [name for name in names if name not in running]
-    gap = 10 - len(running[::2])
+    chunk, *_ = make_chunks(names, max(app.parallel, 1)) or [[]]
+    gap = max(0, len(chunk) - len(running[::2]))
     names[:] = [*running[::2], *others[:gap], *running[1::2], *others[gap:]]
 
 
