@@ -17,7 +17,12 @@ os.environ["IPYTHONDIR"] = str(IPYTHON)
 (IPYTHON / "profile_default").mkdir(parents=True, exist_ok=True)
 (IPYTHON / "profile_default" / "ipython_kernel_config.py").write_text("c.IPKernelApp.log_level = 40\n")
 
+import nbclient
+
 import tilepipe
+
+# What a command prints comes in pieces; they are put together as they are, before any page sees them.
+nbclient.NotebookClient.coalesce_streams = True
 
 project = "tilepipe"
 author = "tilepipe authors"
