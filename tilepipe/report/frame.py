@@ -148,6 +148,13 @@ class Picture:
 
 
 def round_length(longest: float) -> float:
-    """Return the largest 1, 2 or 5 times a power of ten that is no more than `longest`."""
+    """Return the largest 1, 2 or 5 times a power of ten that is no more than `longest`.
+
+    Examples
+    --------
+    >>> from tilepipe.report.frame import round_length
+    >>> round_length(437.0)
+    200.0
+    """
     power = 10.0 ** math.floor(math.log10(longest))
     return max(factor * power for factor in (1, 2, 5) if factor * power <= longest * (1 + 1e-12))

@@ -175,7 +175,15 @@ class Map:
 
 
 def tinted(mask: NDArray[np.bool_], colour: str) -> NDArray[np.uint8]:
-    """Red, green, blue and opacity (rows, columns, 4) of a mask: a tint where it is true."""
+    """Red, green, blue and opacity (rows, columns, 4) of a mask: a tint where it is true.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tilepipe.report.map import tinted
+    >>> tinted(np.array([[False, True]]), "#00a6d6").tolist()
+    [[[0, 0, 0, 0], [0, 166, 214, 110]]]
+    """
     tint = np.array(to_rgba(colour, _TINT)) * 255
     return np.where(mask[..., None], tint.round().astype(np.uint8), np.uint8(0))
 

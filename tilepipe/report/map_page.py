@@ -190,13 +190,16 @@ class _Map:
             data["x"], data["y"] = self._placed(shapely.get_coordinates(geometry))
             renderer = self.plot.scatter("x", "y", size=7, **style | {"line_color": INK})
         elif dimensions == {2}:
-            shapes = [[self._rings(part) for part in shapely.get_parts(shape)] for shape in geometry]
-            for axis, name in enumerate(("xs", "ys")):
-                data[name] = [[[ring[axis] for ring in part] for part in shape] for shape in shapes]
+            rings, owner = shapely.get_rings(geometry, return_index=True)
+            # of each row the polygons, of each polygon the rings
+            data["xs"], data["ys"] = ([[[]] for _ in geometry] for _ in range(2))
+            for row, (eastings, northings) in zip(owner.tolist(), self._lines(rings), strict=True):
+                data["xs"][row][0].append(eastings)
+                data["ys"][row][0].append(northings)
             style |= {"fill_alpha": 0.15, "hover_fill_alpha": 0.6, "line_width": 1.5, "hover_color": layer.colour}
             renderer = self.plot.multi_polygons("xs", "ys", **style)
         else:
-            data["xs"], data["ys"] = zip(*self._rings(geometry), strict=True) if len(geometry) else ([], [])
+            data["xs"], data["ys"] = zip(*self._lines(geometry), strict=True) if len(geometry) else ([], [])
             style |= {"line_width": 2.5, "hover_line_color": "#ffffff", "hover_line_width": 5}
             renderer = self.plot.multi_line("xs", "ys", **style)
         if columns:
@@ -205,7 +208,7 @@ class _Map:
             self.plot.add_tools(tool)
         return renderer
 
-    def _rings(self, geometry: Any) -> list[list[list[float]]]:
+    def _lines(self, geometry: Any) -> list[list[list[float]]]:
         """Eastings and northings of each line or ring."""
         return [self._placed(line) for line in coordinates(geometry)]
 
@@ -232,7 +235,7 @@ def _thinned(table: GeoDataFrame, pixel: float) -> tuple[GeoDataFrame, str]:
     tolerance = pixel / 4
     while shapely.get_num_coordinates(table.geometry.to_numpy()).sum() > max(_MOST_VERTICES, 2 * len(table)):
         table = table.set_geometry(table.geometry.simplify(tolerance, preserve_topology=False))
-        table = table[~table.geometry.is_empty]
+        table = table[~table.geometry.is_empty].explode(ignore_index=True)
         note = f"simplified by {tolerance / pixel:g} pixels"
         tolerance *= 2
         remarks = [*(r for r in remarks if not r.startswith("simplified")), note]

@@ -17,7 +17,17 @@ if TYPE_CHECKING:
 
 
 def coordinates(geometry: Any) -> list[NDArray[np.float64]]:
-    """Coordinates (n, 2) of each line, and of each ring of each polygon."""
+    """Coordinates (n, 2) of each line, and of each ring of each polygon.
+
+    Examples
+    --------
+    >>> import shapely
+    >>> from tilepipe.report.vectors import coordinates
+    >>> [part.tolist() for part in coordinates([shapely.LineString([(0, 0), (2, 1)])])]
+    [[[0.0, 0.0], [2.0, 1.0]]]
+    >>> [len(part) for part in coordinates([shapely.box(0, 0, 1, 1)])]
+    [5]
+    """
     parts = shapely.get_parts(geometry)
     areas = shapely.get_dimensions(parts) == 2
     lines = np.concatenate([parts[~areas], shapely.get_rings(parts[areas])])
@@ -26,7 +36,17 @@ def coordinates(geometry: Any) -> list[NDArray[np.float64]]:
 
 
 def longest(table: GeoDataFrame, most: int) -> GeoDataFrame:
-    """The longest `most` rows of a table, in its order."""
+    """The longest `most` rows of a table, in its order.
+
+    Examples
+    --------
+    >>> import geopandas
+    >>> import shapely
+    >>> from tilepipe.report.vectors import longest
+    >>> lines = [shapely.LineString([(0, 0), (length, 0)]) for length in (3, 1, 4, 2)]
+    >>> longest(geopandas.GeoDataFrame(geometry=lines), 2).length.tolist()
+    [3.0, 4.0]
+    """
     if len(table) <= most:
         return table
     return table.iloc[np.sort(np.argsort(-table.length.to_numpy(), kind="stable")[:most])]
