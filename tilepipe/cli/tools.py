@@ -134,7 +134,8 @@ def evaluate(
     from tilepipe.evaluate.extent import scored_area
     from tilepipe.evaluate.lines import LineScore, evaluate
     from tilepipe.evaluate.polygons import AreaScore, evaluate_areas
-    from tilepipe.io.tables import are_polygons, read_layer, read_result
+    from tilepipe.evaluate.results import read_result
+    from tilepipe.io.tables import are_polygons, read_layer
 
     extracted, true = layers = read_result(result), read_layer(truth, "truth")
     inside = scored_area(result, area)

@@ -24,8 +24,9 @@ from tilepipe.errors import InputError
 from tilepipe.evaluate.chance import by_chance
 from tilepipe.evaluate.extent import area_in_metres, scored_area
 from tilepipe.evaluate.lines import defined_values, evaluate_lines, percent
+from tilepipe.evaluate.results import read_result
 from tilepipe.evaluate.street_borders import StreetBorderScore, metres, share_row, street_border_score, street_rows
-from tilepipe.io.tables import LINES, POLYGONS, VectorLayer, in_metres, read_layer, read_result
+from tilepipe.io.tables import LINES, POLYGONS, VectorLayer, in_metres, read_layer
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry

@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from tilepipe.evaluate.results import extent_raster
+from tilepipe.io.record import RECORD
 from tilepipe.io.tables import POLYGONS, VectorLayer, in_metres, read_layer
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
-
-_RASTERS = ("streets.tif", "regions.tif", "segments.tif")
-"""Rasters of runs whose nodata is that of the input."""
 
 _MOST_CELLS = 2048
 """Cells on the longer side to which a larger raster is reduced before it is outlined."""
@@ -80,8 +79,8 @@ def data_extent(result: Path) -> VectorLayer | None:
     from rasterio.features import shapes
 
     folder = result if result.is_dir() else result.parent
-    raster = next((folder / name for name in _RASTERS if (folder / name).is_file()), None)
-    if raster is None or not (folder / "run.toml").is_file():
+    raster = extent_raster(folder) if (folder / RECORD).is_file() else None
+    if raster is None:
         return None
     with rasterio.open(raster) as source:
         share = max(1.0, max(source.shape) / _MOST_CELLS)

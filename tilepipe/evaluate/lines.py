@@ -18,8 +18,9 @@ from numpy.typing import ArrayLike
 
 from tilepipe.errors import InputError
 from tilepipe.evaluate.extent import area_in_metres, scored_area
+from tilepipe.evaluate.results import read_result
 from tilepipe.evaluate.segment_matching import close_pairs, covered_length, lengths, matched, rms_distance, segments
-from tilepipe.io.tables import LINES, VectorLayer, in_metres, read_layer, read_result
+from tilepipe.io.tables import LINES, VectorLayer, in_metres, read_layer
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry

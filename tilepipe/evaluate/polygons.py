@@ -22,8 +22,9 @@ from tilepipe.evaluate.boundary_distances import BoundaryScore, boundary_score
 from tilepipe.evaluate.extent import area_in_metres, scored_area
 from tilepipe.evaluate.lines import defined_values, percent
 from tilepipe.evaluate.polygon_layers import ROUNDING, coverage, polygon_layer
+from tilepipe.evaluate.results import read_result
 from tilepipe.evaluate.segment_matching import segments
-from tilepipe.io.tables import POLYGONS, VectorLayer, read_layer, read_result
+from tilepipe.io.tables import POLYGONS, VectorLayer, read_layer
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry

@@ -18,9 +18,6 @@ if TYPE_CHECKING:
 LINES = ("LineString", "MultiLineString")
 POLYGONS = ("Polygon", "MultiPolygon")
 
-_RESULTS = ("centerlines", "buildings", "objects", "edges")
-"""Tables of runs that can be scored; of a folder, the first that is there."""
-
 
 @dataclass(frozen=True)
 class VectorLayer:
@@ -87,8 +84,8 @@ def read_layer(source: str | os.PathLike[str] | VectorLayer, role: str) -> Vecto
         table = geopandas.read_parquet(path) if path.suffix == ".parquet" else geopandas.read_file(path)
     except Exception as error:
         raise InputError(
-            f"the {name} cannot be read as lines or polygons; give a layer of a run ({', '.join(_RESULTS)}) "
-            "or another GeoParquet, GeoPackage, FlatGeobuf or GeoJSON file"
+            f"the {name} cannot be read as lines or polygons; give a table of a run or another "
+            " GeoParquet, GeoPackage, FlatGeobuf or GeoJSON file"
         ) from error
     if not isinstance(table, geopandas.GeoDataFrame):
         raise InputError(f"the {name} holds no geometry; give a layer of {' or '.join(LINES + POLYGONS)}")
@@ -100,24 +97,6 @@ def read_layer(source: str | os.PathLike[str] | VectorLayer, role: str) -> Vecto
 def read_vectors(path: Path, role: str, types: tuple[str, ...] = LINES) -> GeoDataFrame:
     """Table of a vector file of given types of geometry; see `read_layer`."""
     return read_layer(path, role).of(types).table
-
-
-def read_result(source: str | os.PathLike[str] | VectorLayer) -> VectorLayer:
-    """Read an extracted layer: a vector file, or the layer of a run's folder that can be scored.
-
-    Raises
-    ------
-    InputError
-        See `read_layer`; a folder holds no such layer.
-    """
-    if isinstance(source, VectorLayer) or not Path(source).is_dir():
-        return read_layer(source, "result")
-    found = (run_table(Path(source), name) for name in _RESULTS)
-    table = next((path for path in found if path is not None), None)
-    if table is None:
-        names = ", ".join(f"no {name}.parquet" for name in _RESULTS)
-        raise InputError(f"{os.fspath(source)} holds {names}; give the folder of a finished run")
-    return read_layer(table, "result")
 
 
 def are_polygons(result: VectorLayer, truth: VectorLayer) -> bool:

@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections import defaultdict
 from functools import cache
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tilepipe.errors import InputError
@@ -82,6 +83,25 @@ def names() -> list[str]:
     True
     """
     return [*OWN, *sorted(set(_foreign()) - set(OWN))]
+
+
+def pipelines_of(folder: Path) -> list[Pipeline]:
+    """Pipeline that has made a run, by the run's record; all of tilepipe's own where there is no record.
+
+    Raises
+    ------
+    InputError
+        When the record cannot be read, or names a pipeline that is not installed.
+    """
+    from tilepipe.io.record import RECORD, read_record
+
+    if not (folder / RECORD).is_file():
+        return [pipeline(name) for name in OWN]
+    command = read_record(folder / RECORD).get("command")
+    try:
+        return [pipeline(str(command))]
+    except InputError as error:
+        raise InputError(f"{folder}: {error}") from None
 
 
 def complaints() -> list[str]:

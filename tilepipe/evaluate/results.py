@@ -1,0 +1,36 @@
+"""The layers of runs that can be scored, and where runs have had data, as their pipelines declare it."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from tilepipe.errors import InputError
+from tilepipe.io.tables import VectorLayer, read_layer, run_table
+from tilepipe.pipelines import registry
+
+
+def read_result(source: str | os.PathLike[str] | VectorLayer) -> VectorLayer:
+    """Read an extracted layer: a vector file, or the layer of a run's folder that can be scored.
+
+    Raises
+    ------
+    InputError
+        See `tilepipe.io.tables.read_layer`; a folder holds no such layer.
+    """
+    if isinstance(source, VectorLayer) or not Path(source).is_dir():
+        return read_layer(source, "result")
+    names = [layer.name for pipeline in registry.pipelines_of(Path(source)) for layer in pipeline.scored]
+    found = (run_table(Path(source), name) for name in names)
+    table = next((path for path in found if path is not None), None)
+    if table is None:
+        missing = ", ".join(f"no {name}.parquet" for name in names) or "no layer that can be scored"
+        raise InputError(f"{os.fspath(source)} holds {missing}; give the folder of a finished run")
+    return read_layer(table, "result")
+
+
+def extent_raster(folder: Path) -> Path | None:
+    """Raster of a run whose nodata is that of its input; None where there is no finished run."""
+    declared = (pipeline.extent for pipeline in registry.pipelines_of(folder))
+    paths = (folder / layer.name for layer in declared if layer is not None)
+    return next((path for path in paths if path.is_file()), None)
