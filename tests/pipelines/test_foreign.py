@@ -96,6 +96,22 @@ def test_it_runs_plans_resumes_reports_and_is_scored(installed: Path, scene: Pat
     assert (tmp_path / "again" / "spots.tif").read_bytes() == (tmp_path / "one" / "spots.tif").read_bytes()
 
 
+def test_its_operators_work_on_arrays(installed: Path, scene: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import tilepipe.accessor
+    from tilepipe.pipelines import registry
+
+    monkeypatch.syspath_prepend(str(installed))
+    registry.forget()
+    array = tilepipe.as_dataarray(tilepipe.open_raster([scene]), chunks=32)
+    bright = array.tilepipe.bright(threshold=190)
+    assert bright.chunks == array.chunks
+    np.testing.assert_array_equal(bright.values, array.values >= 190)
+    with pytest.raises(AttributeError, match="no operator 'nothing'"):
+        array.tilepipe.nothing()
+    monkeypatch.undo()
+    registry.forget()
+
+
 def test_an_interrupted_run_resumes(installed: Path, scene: Path, tmp_path: Path) -> None:
     whole, broken = tmp_path / "whole", tmp_path / "broken"
     options = ("--tile", 31, "--workers", 1, "--quiet")

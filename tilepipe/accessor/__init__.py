@@ -8,11 +8,14 @@ value.
 
 from __future__ import annotations
 
+from typing import Any
+
 import xarray as xr
 
 from tilepipe.accessor.edges import EdgeOperators
 from tilepipe.accessor.objects import ObjectOperators
 from tilepipe.accessor.streets import StreetOperators
+from tilepipe.pipelines import registry
 
 __all__ = ["TilepipeAccessor"]
 
@@ -20,3 +23,12 @@ __all__ = ["TilepipeAccessor"]
 @xr.register_dataarray_accessor("tilepipe")
 class TilepipeAccessor(StreetOperators, ObjectOperators, EdgeOperators):
     """Operators of tilepipe on a raster with two dimensions (rows, columns)."""
+
+    def __getattr__(self, name: str) -> Any:
+        """An operator that the pipeline of another package brings."""
+        if not name.startswith("_"):
+            for pipeline in registry.names()[len(registry.OWN) :]:
+                operators = registry.pipeline(pipeline).operators
+                if operators and hasattr(registry.part(operators), name):
+                    return getattr(registry.part(operators)(self._array), name)
+        raise AttributeError(f"tilepipe has no operator '{name}'")

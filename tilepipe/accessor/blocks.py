@@ -29,7 +29,7 @@ class BlockOperators:
             raise InputError(f"tilepipe works on arrays of two dimensions, not {array.ndim}: select a band first")
         self._array = array
 
-    def _map(self, name: str, function: BlockFunction, halo: int, dtype: DTypeLike) -> xr.DataArray:
+    def map_blocks(self, name: str, function: BlockFunction, halo: int, dtype: DTypeLike) -> xr.DataArray:
         """Apply a local function, the operator ``name``, to every chunk and its halo."""
         data, nodata = self._array.data, nodata_of(self._array)
 

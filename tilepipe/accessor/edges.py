@@ -77,7 +77,7 @@ class EdgeOperators(BlockOperators):
             found = minimise.intensity_field(observed, model, method=method, rounds=rounds, origin=tile.padded.origin)
             return found.labels[tile.core_in_padded.slices]
 
-        return self._map("segment", function, minimise.halo(rounds, method=method), np.uint8)
+        return self.map_blocks("segment", function, minimise.halo(rounds, method=method), np.uint8)
 
     def line_field(
         self, *, levels: int, method: LineMethod = "parallel", rounds: int = line_field.ROUNDS, **weights: Any
@@ -126,7 +126,7 @@ class EdgeOperators(BlockOperators):
             return lines[tile.core_in_padded.slices]
 
         # one more, for the elements to the pixels of the neighbours
-        return self._map("line_field", function, line_field.halo(model, rounds, method=method) + 1, np.uint8)
+        return self.map_blocks("line_field", function, line_field.halo(model, rounds, method=method) + 1, np.uint8)
 
     def nevatia_babu(self, *, threshold: float = 0.0) -> xr.DataArray:
         """Thinned edge elements by six masks; see `tilepipe_kernels.nevatia_babu.elements.thin_edges`.
@@ -159,7 +159,7 @@ class EdgeOperators(BlockOperators):
             step = np.where(elements != nevatia_babu.NO_DIRECTION, magnitude / nevatia_babu.STEP_RESPONSE, 0)
             return step.astype(np.float32)[tile.core_in_padded.slices]
 
-        return self._map("nevatia_babu", function, nevatia_babu.halo(), np.float32)
+        return self.map_blocks("nevatia_babu", function, nevatia_babu.halo(), np.float32)
 
 
 def _checked_means(means: Sequence[float]) -> NDArray[np.float64]:

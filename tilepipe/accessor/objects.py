@@ -60,7 +60,7 @@ class ObjectOperators(BlockOperators):
             return _leaf_means(block, tile, deviation, smallest, largest)
 
         # squares lie on the global grid, and a square that a chunk cuts is made of all its pixels
-        return self._map("quadtree", function, max(int(largest) - 1, 0), np.float32)
+        return self.map_blocks("quadtree", function, max(int(largest) - 1, 0), np.float32)
 
     def ground(self, *, resolution: float, largest_object: float = 80.0) -> xr.DataArray:
         """Height of the bare earth, from heights in metres alone; see `tilepipe_kernels.heights.ground.ground_height`.
@@ -97,7 +97,7 @@ class ObjectOperators(BlockOperators):
             )
             return height[tile.core_in_padded.slices]
 
-        return self._map("ground", function, ground.halo(resolution, largest_object), np.float32)
+        return self.map_blocks("ground", function, ground.halo(resolution, largest_object), np.float32)
 
 
 def _leaf_means(block: NDArray[Any], tile: Tile, deviation: float, smallest: int, largest: int) -> NDArray[np.float32]:

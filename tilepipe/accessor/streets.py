@@ -65,7 +65,7 @@ class StreetOperators(BlockOperators):
                 core=tile.core_in_padded.as_tuple(),
             )
 
-        return self._map("diffuse", function, diffusion.halo(steps, gradient_sigma, model), np.float32)
+        return self.map_blocks("diffuse", function, diffusion.halo(steps, gradient_sigma, model), np.float32)
 
     def grow_regions(self, *, tolerance: float, minimum_size: int = 1, maximum: float = np.inf) -> xr.DataArray:
         """Regions of pixels whose neighbours differ by at most ``tolerance``, across all chunks.
@@ -135,7 +135,7 @@ class StreetOperators(BlockOperators):
             response[linked.row, linked.col] = linked.response
             return response[tile.core_in_padded.slices]
 
-        return self._map("ridge_lines", function, ridges.halo(sigma), np.float32)
+        return self.map_blocks("ridge_lines", function, ridges.halo(sigma), np.float32)
 
     def medial_axis(self, *, half_width: int, separation: float = 5.0) -> xr.DataArray:
         """Euclidean skeleton of a mask; see `tilepipe_kernels.network.skeleton.medial_axis`.
@@ -169,7 +169,7 @@ class StreetOperators(BlockOperators):
             axis = skeleton.medial_axis(mask, cap=half_width, separation=separation, origin=tile.padded.origin)
             return axis[tile.core_in_padded.slices]
 
-        return self._map("medial_axis", function, skeleton.halo(half_width), np.bool_)
+        return self.map_blocks("medial_axis", function, skeleton.halo(half_width), np.bool_)
 
     def open_mask(self, *, radius: float) -> xr.DataArray:
         """Opening of a mask by a disc of ``radius`` pixels.
@@ -205,7 +205,7 @@ class StreetOperators(BlockOperators):
         def function(block: NDArray[Any], tile: Tile) -> NDArray[Any]:
             return kernel(np.nan_to_num(block) != 0, radius)[tile.core_in_padded.slices]
 
-        return self._map(name, function, morphology.halo(radius), np.bool_)
+        return self.map_blocks(name, function, morphology.halo(radius), np.bool_)
 
 
 class _Growing:

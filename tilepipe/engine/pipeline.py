@@ -149,7 +149,10 @@ class Pipeline:
     bytes_per_megapixel
         What reconciliations hold for the whole raster.
     pictures
-        ``module:function`` that draws a finished run, ``function(folder) -> list of paths``.
+        ``module:function`` that draws a finished run, ``function(folder) -> list of paths``; by default its layers over
+        its input.
+    operators
+        ``module:class`` of lazy operators on arrays, a `tilepipe.accessor.blocks.BlockOperators`; none by default.
 
     Raises
     ------
@@ -170,6 +173,7 @@ class Pipeline:
     seeded: bool = False
     bytes_per_megapixel: int = 800_000
     pictures: str = DEFAULT_PICTURES
+    operators: str = ""
 
     def __post_init__(self) -> None:
         for kind, names in (

@@ -104,6 +104,12 @@ def pipelines_of(folder: Path) -> list[Pipeline]:
         raise InputError(f"{folder}: {error}") from None
 
 
+def part(reference: str) -> Any:
+    """What a pipeline names as ``module:name``, such as the function that draws its runs."""
+    module, _, name = reference.partition(":")
+    return getattr(import_module(module), name)
+
+
 def complaints() -> list[str]:
     """One line for every package whose pipelines cannot be used because of their names; it names the package."""
     return [
@@ -111,6 +117,12 @@ def complaints() -> list[str]:
         for name in OWN
         for point in _foreign().get(name, [])
     ]
+
+
+def forget() -> None:
+    """Look for the pipelines of other packages anew, such as after one has been installed into a running process."""
+    _foreign.cache_clear()
+    _load.cache_clear()
 
 
 @cache

@@ -157,4 +157,5 @@ PIPELINE = Pipeline(
     passes=(MARK,),
     recipe=recipe,
     layers=(RASTER, TABLE),
+    operators="spot_operators:SpotOperators",
 )
