@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 import tomllib
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import geopandas
@@ -17,6 +18,8 @@ from scipy import ndimage
 from tests.scenes import write_raster
 from tilepipe.engine.layers import TableLayer
 from tilepipe.engine.pipeline import Pass, Pipeline
+from tilepipe.errors import InputError
+from tilepipe.pipelines import registry
 
 ROOT = Path(__file__).resolve().parents[2]
 SOURCE = ROOT / "docs" / "extend" / "bright_spots"
@@ -96,20 +99,15 @@ def test_it_runs_plans_resumes_reports_and_is_scored(installed: Path, scene: Pat
     assert (tmp_path / "again" / "spots.tif").read_bytes() == (tmp_path / "one" / "spots.tif").read_bytes()
 
 
-def test_its_operators_work_on_arrays(installed: Path, scene: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_its_operators_work_on_arrays(beside: Callable[[Path], None], scene: Path) -> None:
     import tilepipe.accessor
-    from tilepipe.pipelines import registry
 
-    monkeypatch.syspath_prepend(str(installed))
-    registry.forget()
     array = tilepipe.as_dataarray(tilepipe.open_raster([scene]), chunks=32)
     bright = array.tilepipe.bright(threshold=190)
     assert bright.chunks == array.chunks
     np.testing.assert_array_equal(bright.values, array.values >= 190)
     with pytest.raises(AttributeError, match="no operator 'nothing'"):
         array.tilepipe.nothing()
-    monkeypatch.undo()
-    registry.forget()
 
 
 def test_an_interrupted_run_resumes(installed: Path, scene: Path, tmp_path: Path) -> None:
@@ -145,31 +143,58 @@ BROKEN = {
 }
 
 
+@pytest.fixture
+def beside(monkeypatch: pytest.MonkeyPatch, installed: Path) -> Iterator[Callable[[Path], None]]:
+    """Put packages on the path of this process, beside the example; it is as before at the end."""
+    known = set(sys.modules)
+
+    def put(package: Path) -> None:
+        monkeypatch.syspath_prepend(str(package))
+        registry.forget()
+
+    put(installed)
+    yield put
+    monkeypatch.undo()
+    registry.forget()
+    for name in set(sys.modules) - known:
+        if "spots" in name:
+            del sys.modules[name]
+
+
 @pytest.mark.parametrize("wanted", BROKEN)
 def test_a_package_that_cannot_be_used_is_named_in_one_line(
-    installed: Path, scene: Path, tmp_path: Path, wanted: str
+    beside: Callable[[Path], None], tmp_path: Path, wanted: str
 ) -> None:
-    package = write_package(tmp_path, "rotten-spots", BROKEN[wanted], point="rotten")
+    beside(write_package(tmp_path, "rotten-spots", BROKEN[wanted], point="rotten"))
+    with pytest.raises(InputError) as told:
+        registry.pipeline("rotten")
+    assert len(str(told.value).splitlines()) == 1
+    assert "rotten-spots" in str(told.value) and wanted in str(told.value)
+    assert registry.pipeline("spots").name == "spots" and registry.names() == [*registry.OWN, "rotten", "spots"]
+
+
+def test_such_a_package_spoils_no_other_command(installed: Path, scene: Path, tmp_path: Path) -> None:
+    package = write_package(tmp_path, "rotten-spots", "import nowhere\n", point="rotten")
     told = tell("rotten", scene, "--out", tmp_path / "run", packages=(package, installed))
-    assert told.returncode == 2 and told.stdout == ""
-    assert len(told.stderr.strip().splitlines()) == 1
-    assert "rotten-spots" in told.stderr and wanted in told.stderr
-    # the others go on
-    assert tell("--help", packages=(package, installed)).returncode == 0
+    assert (told.returncode, told.stdout) == (2, "") and len(told.stderr.strip().splitlines()) == 1
+    told = tell("--help", packages=(package, installed))
+    assert told.returncode == 0 and "rotten" in told.stdout and "Cannot be used" in told.stdout
     assert tell("spots", scene, "--plan", packages=(package, installed)).returncode == 0
 
 
-def test_a_name_that_two_packages_declare_is_refused(installed: Path, scene: Path, tmp_path: Path) -> None:
-    other = write_package(tmp_path, "other-spots", "from bright_spots import PIPELINE\n")
-    told = tell("spots", scene, "--plan", packages=(installed, other))
-    assert told.returncode == 2 and len(told.stderr.strip().splitlines()) == 1
-    assert "bright-spots" in told.stderr and "other-spots" in told.stderr and "declared twice" in told.stderr
+def test_a_name_that_two_packages_declare_is_refused(beside: Callable[[Path], None], tmp_path: Path) -> None:
+    beside(write_package(tmp_path, "other-spots", "from bright_spots import PIPELINE\n"))
+    with pytest.raises(
+        InputError, match=r"'spots' is declared twice, by the packages .*-spots and .*-spots; uninstall"
+    ):
+        registry.pipeline("spots")
 
 
-def test_a_name_of_tilepipe_itself_is_not_taken(installed: Path, tmp_path: Path) -> None:
-    other = write_package(tmp_path, "other-streets", "from bright_spots import PIPELINE\n", point="streets")
-    told = tell("--help", packages=(installed, other))
-    assert told.returncode == 0 and "other-streets" in told.stderr
+def test_a_name_of_tilepipe_itself_is_not_taken(beside: Callable[[Path], None], tmp_path: Path) -> None:
+    beside(write_package(tmp_path, "other-streets", "from bright_spots import PIPELINE\n", point="streets"))
+    assert registry.pipeline("streets").name == "streets"
+    (complaint,) = registry.complaints()
+    assert "other-streets" in complaint
 
 
 def test_an_unknown_pipeline_is_said(scene: Path) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from functools import partial
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -14,7 +13,6 @@ from tilepipe.cli.options import Crs, Memory, Quiet, Seed, Workers
 from tilepipe.errors import InputError
 
 if TYPE_CHECKING:
-    from tilepipe.engine.pipeline import Pipeline
     from tilepipe.io.tables import VectorLayer
 
 _Kind = Literal["lines", "polygons", "edges"]
@@ -195,38 +193,20 @@ def _refuse_others(kind: _Kind, given: list[str]) -> None:
 def report(folder: Annotated[Path, typer.Argument(help="Folder of a finished run.")]) -> None:
     """Draw quick-look pictures and a map page of a run."""
     from tilepipe.engine.pipeline import DEFAULT_PICTURES
+    from tilepipe.pipelines import registry
 
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; give the folder of a finished run")
-    drawn = _pipeline_of(folder)
-    module, _, name = drawn.pictures.partition(":")
-    draw = getattr(import_module(module), name)
-    if drawn.pictures == DEFAULT_PICTURES:
-        draw = partial(draw, layers=[layer.name for layer in drawn.layers])
+    able = registry.pipelines_of(folder)
+    made = next((item for item in able if any((folder / name).is_file() for name in item.layers[0].files)), None)
+    if made is None:
+        wanted = ", ".join(item.layers[0].name for item in able)
+        raise InputError(f"{folder} holds none of {wanted}; give the folder of a finished run")
+    draw = registry.part(made.pictures)
+    if made.pictures == DEFAULT_PICTURES:
+        draw = partial(draw, layers=[layer.name for layer in made.layers])
     for path in draw(folder):
         print(path)
-
-
-def _pipeline_of(folder: Path) -> Pipeline:
-    """The pipeline that made a run: by its record, or else by the raster layer that is there.
-
-    Raises
-    ------
-    InputError
-        The folder holds neither.
-    """
-    from tilepipe.io.record import RECORD, read_record
-    from tilepipe.pipelines import registry
-
-    command = read_record(folder / RECORD).get("command") if (folder / RECORD).is_file() else None
-    if command in registry.names():
-        return registry.pipeline(command)
-    own = [registry.pipeline(name) for name in registry.OWN]
-    rasters = {next(layer.name for layer in item.layers if layer.name.endswith(".tif")): item for item in own}
-    found = next((item for raster, item in rasters.items() if (folder / raster).is_file()), None)
-    if found is None:
-        raise InputError(f"{folder} holds none of {', '.join(rasters)}; give the folder of a finished run")
-    return found
 
 
 def demo(
