@@ -84,8 +84,8 @@ def read_layer(source: str | os.PathLike[str] | VectorLayer, role: str) -> Vecto
         table = geopandas.read_parquet(path) if path.suffix == ".parquet" else geopandas.read_file(path)
     except Exception as error:
         raise InputError(
-            f"the {name} cannot be read as lines or polygons; give a table of a run or another "
-            " GeoParquet, GeoPackage, FlatGeobuf or GeoJSON file"
+            f"the {name} cannot be read as lines or polygons; give a layer of a run, or another "
+            "GeoParquet, GeoPackage, FlatGeobuf or GeoJSON file"
         ) from error
     if not isinstance(table, geopandas.GeoDataFrame):
         raise InputError(f"the {name} holds no geometry; give a layer of {' or '.join(LINES + POLYGONS)}")

@@ -86,7 +86,7 @@ def names() -> list[str]:
 
 
 def pipelines_of(folder: Path) -> list[Pipeline]:
-    """Pipeline that has made a run, by the run's record; all of tilepipe's own where there is no record.
+    """Pipeline that has made a run, by the run's record; all of tilepipe's own where no record names one.
 
     Raises
     ------
@@ -95,11 +95,11 @@ def pipelines_of(folder: Path) -> list[Pipeline]:
     """
     from tilepipe.io.record import RECORD, read_record
 
-    if not (folder / RECORD).is_file():
+    command = read_record(folder / RECORD).get("command") if (folder / RECORD).is_file() else None
+    if command is None:
         return [pipeline(name) for name in OWN]
-    command = read_record(folder / RECORD).get("command")
     try:
-        return [pipeline(str(command))]
+        return [pipeline(command)]
     except InputError as error:
         raise InputError(f"{folder}: {error}") from None
 

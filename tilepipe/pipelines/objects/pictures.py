@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 from matplotlib.colors import LinearSegmentedColormap
 from numpy.typing import NDArray
 
@@ -88,7 +87,7 @@ def _of_regions(
 ) -> NDArray[np.float64]:
     """A column of the objects at each pixel of a picture of `shape` (rows, columns), NaN where there is none."""
     ids = run.raster("regions.tif", bounds, shape).filled(0)
-    by_region = pd.Series(objects[column].to_numpy(dtype=np.float64), index=objects["region_id"])
+    by_region = objects.set_index("region_id")[column].astype(np.float64)
     values: NDArray[np.float64] = by_region.reindex(ids.ravel()).to_numpy().reshape(shape)
     return values
 
