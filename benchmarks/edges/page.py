@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,11 +13,10 @@ from benchmarks.edges.accuracy import Accuracy
 from benchmarks.edges.instances import aerial, instances
 from benchmarks.edges.optimisers import Solved
 from benchmarks.edges.pipeline import NAMES, EdgeScene, Outcome
-from benchmarks.kernels.page import warn_if_busy
-from benchmarks.measure.commands import stage_table
+from benchmarks.measure.commands import scratch_folder, stage_table
 from benchmarks.measure.contest import Case, Measurement, Unsuitable, measure
 from benchmarks.measure.machine import Machine, describe_machine
-from benchmarks.measure.tables import LEGEND, RESULTS, Table, comparison, save
+from benchmarks.measure.tables import LEGEND, RESULTS, comparison, save
 from benchmarks.measure.watch import watch
 from benchmarks.objects.scenes import DATA
 
@@ -114,7 +112,7 @@ def run_edges(
     Measured
     """
     machine = describe_machine()
-    warn_if_busy(machine)
+    machine.announce()
     print(AIMS)
     found, page = Measured(), [AIMS, ""]
     options = _Options(machine, repetitions, peers, data, scratch)
@@ -151,7 +149,7 @@ def _optimisers(found: Measured, options: _Options, size: int, sweeps: Sequence[
         )  # fmt: skip
     table = optimisers.optimiser_table(found.solved, options.machine)
     notes = [*optimisers.notes(found.solved), *(f"- {line}" for line in absent)]
-    return [*_shown(table), image, optimisers.LEGEND, "", *notes, ""]
+    return [*table.shown(), image, optimisers.LEGEND, "", *notes, ""]
 
 
 def _lines(found: Measured, options: _Options, size: int, accuracy_size: int) -> list[str]:
@@ -166,12 +164,12 @@ def _lines(found: Measured, options: _Options, size: int, accuracy_size: int) ->
         f"Edges and lines, {grey.source}, {grey.values.shape[0]} × {grey.values.shape[1]} pixels", found.lines,
         options.machine,
     )  # fmt: skip
-    page = [*_shown(table), edge_lines.LEGEND, LEGEND, ""]
+    page = [*table.shown(), edge_lines.LEGEND, LEGEND, ""]
     for accuracy in edge_accuracy.run_accuracy(accuracy_size, workers=workers, peers=options.peers):
         found.accuracy.append(accuracy)
         print(f"accuracy: {accuracy.name}", flush=True)
     table = edge_accuracy.accuracy_table(found.accuracy, accuracy_size)
-    return [*page, *_shown(table), edge_accuracy.LEGEND, ""]
+    return [*page, *table.shown(), edge_accuracy.LEGEND, ""]
 
 
 def _pipeline(found: Measured, options: _Options, sizes: Sequence[int], scenes: Sequence[str]) -> list[str]:
@@ -186,12 +184,11 @@ def _pipeline(found: Measured, options: _Options, sizes: Sequence[int], scenes: 
     if not found.outcomes:
         return [*notes, ""]
     speed = pipeline.speed_table(found.outcomes, options.machine)
-    return [*_shown(speed), pipeline.LEGEND, "", *notes, "", *_shown(stage_table(found.outcomes))]
+    return [*speed.shown(), pipeline.LEGEND, "", *notes, "", *stage_table(found.outcomes).shown()]
 
 
 def _run_scene(found: Measured, options: _Options, name: str, size: int) -> None:
-    with tempfile.TemporaryDirectory(prefix="tilepipe-bench-", dir=options.scratch) as temporary:
-        folder = Path(temporary)
+    with scratch_folder(options.scratch) as folder:
         scene = pipeline.prepare(name, folder, size=size, workers=options.machine.cores, data=options.data)
         if not found.scenes:
             # the first start compiles
@@ -207,8 +204,3 @@ def _told(outcome: Outcome) -> Outcome:
     seconds = f"skipped: {outcome.skipped}" if outcome.skipped else f"{outcome.seconds:.3g} s"
     print(f"{outcome.scene.name}: {outcome.contestant.replace('**', '')}, {seconds}", flush=True)
     return outcome
-
-
-def _shown(table: Table) -> list[str]:
-    table.show()
-    return [table.markdown()]

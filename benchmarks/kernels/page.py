@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
 from benchmarks.kernels import clouds, engine, lines, skeletons, smoothing, surfaces
 from benchmarks.kernels.scene import Scene
+from benchmarks.measure.commands import scratch_folder
 from benchmarks.measure.contest import Case, Measurement, measure
-from benchmarks.measure.machine import BUSY, Machine, describe_machine
+from benchmarks.measure.machine import describe_machine
 from benchmarks.measure.tables import LEGEND, RESULTS, comparison, save
 
 SIZE, QUICK_SIZE = 2048, 1024
@@ -78,10 +78,10 @@ def run_kernels(
         What was measured.
     """
     machine = describe_machine()
-    warn_if_busy(machine)
+    machine.announce()
     measured: list[tuple[Case, list[Measurement]]] = []
-    with tempfile.TemporaryDirectory(prefix="tilepipe-bench-", dir=scratch) as folder:
-        for case in cases(size, engine_size, Path(folder), only):
+    with scratch_folder(scratch) as folder:
+        for case in cases(size, engine_size, folder, only):
             found = measure(case, workers=machine.cores, repetitions=repetitions, peers=peers, patience=patience)
             measured.append((case, found))
             comparison("", [(case, found)], machine).show()
@@ -89,11 +89,3 @@ def run_kernels(
     if results is not None:
         save("kernels", machine, [LEGEND, "", comparison(title, measured, machine).markdown()], results)
     return measured
-
-
-def warn_if_busy(machine: Machine) -> None:
-    """Say on the terminal that others are at work."""
-    for line in machine.lines():
-        print(line)
-    if machine.load > BUSY:
-        print(f"warning: the load average is {machine.load:.1f}; timings under load mislead, run again when idle")

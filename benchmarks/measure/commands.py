@@ -6,7 +6,9 @@ import json
 import shutil
 import statistics
 import sys
-from collections.abc import Sequence
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
@@ -17,6 +19,13 @@ from tilepipe.io.record import TIMINGS
 
 LONG = 120.0
 """Seconds; a run that takes longer is not repeated."""
+
+
+@contextmanager
+def scratch_folder(parent: Path | None) -> Iterator[Path]:
+    """A folder for scenes and runs in ``parent``, or where the system keeps temporary files; removed at the end."""
+    with tempfile.TemporaryDirectory(prefix="tilepipe-bench-", dir=parent) as folder:
+        yield Path(folder)
 
 
 @dataclass
@@ -65,11 +74,12 @@ def pipeline(name: str, raster: Path, out: Path) -> list[str]:
 
 
 def repeated(outcome: Some, command: Sequence[str], out: Path, repetitions: int) -> Some:
-    """Run a command some times; it writes its stages' seconds beside its result, of which the last stays."""
+    """Run a command some times; the last result stays, and with it come the seconds of its stages if it tells them."""
     for _ in range(repetitions):
         shutil.rmtree(out, ignore_errors=True)
         outcome.runs.append(watch(command))
-        outcome.stages.append(json.loads((out / TIMINGS).read_text()))
+        if (out / TIMINGS).exists():
+            outcome.stages.append(json.loads((out / TIMINGS).read_text()))
         if outcome.runs[-1].seconds > LONG:
             break
     return outcome

@@ -47,6 +47,13 @@ class Machine:
             f"copying a large array moves {self.bandwidth / 1e9:.1f} GB/s with {self.cores} threads.",
         ]
 
+    def announce(self) -> None:
+        """Print the description, and a warning where others are at work."""
+        for line in self.lines():
+            print(line)
+        if self.load > BUSY:
+            print(f"warning: the load average is {self.load:.1f}; timings under load mislead, run again when idle")
+
 
 def describe_machine() -> Machine:
     """The machine as it is now; measures its bandwidth."""

@@ -38,6 +38,11 @@ class Table:
         head = [f"## {self.title}", "", _line(self.columns), _line(["---"] * len(self.columns))]
         return "\n".join([*head, *(_line(row) for row in self.rows), ""])
 
+    def shown(self) -> list[str]:
+        """Print it; returns it in Markdown, as a part of a page."""
+        self.show()
+        return [self.markdown()]
+
     def show(self) -> None:
         """Print it."""
         from rich.console import Console

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from benchmarks.kernels.page import warn_if_busy
-from benchmarks.measure.commands import stage_table
+from benchmarks.measure.commands import scratch_folder, stage_table
 from benchmarks.measure.contest import Case, Measurement, Unsuitable, measure
 from benchmarks.measure.machine import Machine, describe_machine
-from benchmarks.measure.tables import LEGEND, RESULTS, Table, comparison, save
+from benchmarks.measure.tables import LEGEND, RESULTS, comparison, save
 from benchmarks.measure.watch import watch
 from benchmarks.objects.kernels import kernel_cases
 from benchmarks.objects.pipeline import Outcome, ours, run_ours, run_rival
@@ -88,7 +86,7 @@ def run_objects(
     Measured
     """
     machine = describe_machine()
-    warn_if_busy(machine)
+    machine.announce()
     found, page = Measured(), list[str]()
     if "pipeline" in parts:
         for name in scenes:
@@ -108,7 +106,7 @@ def run_objects(
             case = make()
             found.kernels.append((case, measure(case, workers=machine.cores, repetitions=repetitions, peers=peers)))
         table = comparison(f"Other kernels, scene of {kernel_size} × {kernel_size} pixels", found.kernels, machine)
-        page += [*_shown(table), LEGEND, ""]
+        page += [*table.shown(), LEGEND, ""]
     if results is not None:
         save("objects", machine, page, results)
     return found
@@ -124,8 +122,7 @@ def _run_scene(
     data: Path,
     scratch: Path | None,
 ) -> None:
-    with tempfile.TemporaryDirectory(prefix="tilepipe-bench-", dir=scratch) as temporary:
-        folder = Path(temporary)
+    with scratch_folder(scratch) as folder:
         try:
             scene = prepare(name, folder, size=size, workers=machine.cores, data=data)
         except Unsuitable as reason:
@@ -150,18 +147,13 @@ def _pipeline_page(found: Measured, machine: Machine) -> list[str]:
     words = verdict(outcomes)
     for line in words:
         print(line)
-    page += [*_shown(speed_table(outcomes, machine)), SPEED, ""]
-    page += [*_shown(partition_table(outcomes)), PARTITION, ""]
+    page += [*speed_table(outcomes, machine).shown(), SPEED, ""]
+    page += [*partition_table(outcomes).shown(), PARTITION, ""]
     page += ["### Where the Bayesian merge is better than the plain rival, and where it is not", "", *words]
-    page += [*_shown(building_table(outcomes)), BUILDINGS, ""]
-    return page + _shown(stage_table(outcomes))
+    page += [*building_table(outcomes).shown(), BUILDINGS, ""]
+    return page + stage_table(outcomes).shown()
 
 
 def _sampler_page(found: Measured, machine: Machine) -> list[str]:
     sweeps = comparison("Sweeps of the samplers, none of them kept", found.sweeps, machine)
-    return [*_shown(sampler_table(found.sampled)), SAMPLERS, "", *_shown(sweeps)]
-
-
-def _shown(table: Table) -> list[str]:
-    table.show()
-    return [table.markdown()]
+    return [*sampler_table(found.sampled).shown(), SAMPLERS, "", *sweeps.shown()]

@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 import statistics
 import sys
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from benchmarks.kernels.page import warn_if_busy
+from benchmarks.measure.commands import Runs, repeated, repeated_rival, scratch_folder, stage_table
 from benchmarks.measure.machine import describe_machine, load_average
 from benchmarks.measure.tables import RESULTS, Table, number, save
-from benchmarks.measure.watch import Watched, time_to_first_file, watch
+from benchmarks.measure.watch import time_to_first_file, watch
 from tilepipe.engine.run import STATE
 from tilepipe.evaluate.lines import LineScore, evaluate
-from tilepipe.io.record import TIMINGS
 from tilepipe.synthetic import City, write_city
 
 SIZE, QUICK_SIZE = 4096, 1024
@@ -27,8 +24,6 @@ LARGEST_SCORED = 16384
 """Side of the largest city whose lines are scored: scoring holds all lines in memory."""
 LARGEST_PLAIN = 8192
 """Side of the largest city that the plain script is given: it holds the raster many times over."""
-LONG = 120.0
-"""Seconds; a run that takes longer is not repeated."""
 
 LEGEND = (
     "The whole command, from the start of the interpreter to the last file; median of the rounds. *peak* is the most "
@@ -38,27 +33,28 @@ LEGEND = (
 )
 
 
+@dataclass(frozen=True)
+class Scene:
+    """A city of a number of pixels on each side."""
+
+    size: int
+
+    @property
+    def name(self) -> str:
+        """Its size, for people."""
+        return f"{self.size}² = {self.megapixels:.0f} Mpx"
+
+    @property
+    def megapixels(self) -> float:
+        """Pixels of its raster in millions."""
+        return self.size**2 / 1e6
+
+
 @dataclass
-class Outcome:
+class Outcome(Runs):
     """What one contestant did on one city."""
 
-    name: str
-    size: int
-    runs: list[Watched] = field(default_factory=list)
     scores: dict[str, LineScore] = field(default_factory=dict)
-    stages: list[dict[str, float]] = field(default_factory=list)
-    load: float = 0.0
-    skipped: str = ""
-
-    @property
-    def seconds(self) -> float:
-        """Median time of a run."""
-        return statistics.median(run.seconds for run in self.runs)
-
-    @property
-    def rate(self) -> float:
-        """Megapixels per second."""
-        return self.size**2 / 1e6 / self.seconds
 
 
 def run_streets(
@@ -93,12 +89,11 @@ def run_streets(
         What was measured.
     """
     machine = describe_machine()
-    warn_if_busy(machine)
+    machine.announce()
     outcomes: list[Outcome] = []
     first_tile: list[float] = []
     for size in sizes:
-        with tempfile.TemporaryDirectory(prefix="tilepipe-bench-", dir=scratch) as temporary:
-            folder = Path(temporary)
+        with scratch_folder(scratch) as folder:
             city = write_city(
                 folder / "city", City(rows=size, columns=size), layers=("intensity",), workers=machine.cores
             )
@@ -111,16 +106,15 @@ def run_streets(
             outcomes.append(_pipeline(command, run, city["centerlines"], size, repetitions))
             if peers:
                 outcomes.append(_plain(city["intensity"], folder, city["centerlines"], size, steps, repetitions))
-    tables = [_speed_table(outcomes, steps), _stage_table([o for o in outcomes if o.stages])]
-    for table in tables:
-        table.show()
+    tables = [_speed_table(outcomes, steps), stage_table(outcomes)]
+    page = [part for table in tables for part in table.shown()]
     start = (
         f"Second start of the command: {statistics.median(first_tile):.2f} s to the first finished tile "
         f"(median of {len(first_tile)}, at {sizes[0]} × {sizes[0]} pixels)."
     )
     print(start)
     if results is not None:
-        parts = [LEGEND.format(buffer=BUFFER), "", start, "", *(table.markdown() for table in tables)]
+        parts = [LEGEND.format(buffer=BUFFER), "", start, "", *page]
         save("streets", machine, parts, results)
     return outcomes
 
@@ -138,13 +132,7 @@ def _first_tile(command: Sequence[str], run: Path) -> float:
 
 
 def _pipeline(command: Sequence[str], run: Path, truth: Path, size: int, repetitions: int) -> Outcome:
-    outcome = Outcome("**tilepipe streets**", size, load=load_average())
-    for _ in range(repetitions):
-        shutil.rmtree(run, ignore_errors=True)
-        outcome.runs.append(watch(command))
-        outcome.stages.append(json.loads((run / TIMINGS).read_text()))
-        if outcome.runs[-1].seconds > LONG:
-            break
+    outcome = repeated(Outcome("**tilepipe streets**", Scene(size), load=load_average()), command, run, repetitions)
     if size <= LARGEST_SCORED:
         for way in ("centerlines", "skeleton"):
             outcome.scores[way] = evaluate(run / f"{way}.parquet", truth, BUFFER)
@@ -152,22 +140,15 @@ def _pipeline(command: Sequence[str], run: Path, truth: Path, size: int, repetit
 
 
 def _plain(raster: Path, folder: Path, truth: Path, size: int, steps: int, repetitions: int) -> Outcome:
-    outcome = Outcome("plain script", size, load=load_average())
+    outcome = Outcome("plain script", Scene(size), load=load_average())
     if size > LARGEST_PLAIN:
         outcome.skipped = "holds the raster in memory many times over"
         return outcome
     out = folder / "plain.parquet"
     command = [sys.executable, "-m", "benchmarks.streets.plain_script", str(raster), str(out), str(steps)]
-    try:
-        watch(command)
-    except RuntimeError as error:
-        outcome.skipped = str(error).strip().splitlines()[-1]
-        return outcome
-    for _ in range(repetitions):
-        outcome.runs.append(watch(command))
-        if outcome.runs[-1].seconds > LONG:
-            break
-    outcome.scores["skeleton"] = evaluate(out, truth, BUFFER)
+    repeated_rival(outcome, command, out, repetitions)
+    if not outcome.skipped:
+        outcome.scores["skeleton"] = evaluate(out, truth, BUFFER)
     return outcome
 
 
@@ -178,9 +159,8 @@ def _speed_table(outcomes: Sequence[Outcome], steps: int) -> Table:
     )  # fmt: skip
     table = Table(f"Streets from intensity, {steps} diffusion steps", columns)
     for outcome in outcomes:
-        city = f"{outcome.size}² = {outcome.size**2 / 1e6:.0f} Mpx"
         if outcome.skipped:
-            table.rows.append([outcome.name, city, f"skipped: {outcome.skipped}", *[""] * 9])
+            table.rows.append([outcome.contestant, outcome.scene.name, f"skipped: {outcome.skipped}", *[""] * 9])
             continue
         speed = [
             number(outcome.rate),
@@ -190,9 +170,9 @@ def _speed_table(outcomes: Sequence[Outcome], steps: int) -> Table:
         ]
         load = f"{outcome.load:.1f}"
         if not outcome.scores:
-            table.rows.append([outcome.name, city, *speed, "not scored", *[""] * 4, load])
+            table.rows.append([outcome.contestant, outcome.scene.name, *speed, "not scored", *[""] * 4, load])
         for row, (way, score) in enumerate(outcome.scores.items()):
-            head = [outcome.name, city, *speed] if row == 0 else [""] * 6
+            head = [outcome.contestant, outcome.scene.name, *speed] if row == 0 else [""] * 6
             table.rows.append([*head, way, *_score_cells(score), load if row == 0 else ""])
     return table
 
@@ -200,16 +180,3 @@ def _speed_table(outcomes: Sequence[Outcome], steps: int) -> Table:
 def _score_cells(score: LineScore) -> list[str]:
     shares = (score.completeness, score.correctness, score.quality)
     return [*(f"{100 * share:.1f} %" for share in shares), f"{score.rms_distance:.2f}"]
-
-
-def _stage_table(outcomes: Sequence[Outcome]) -> Table:
-    """Seconds and share of the time per stage, medians; what stages at work at one time leave over is the rest."""
-    table = Table("Where the time goes (stages may overlap)", ("stage", *(f"{o.size}²" for o in outcomes)))
-    names = list(dict.fromkeys(name for outcome in outcomes for name in outcome.stages[0]))
-    columns = []
-    for outcome in outcomes:
-        seconds = [statistics.median(stages.get(name, 0.0) for stages in outcome.stages) for name in names]
-        seconds.append(max(0.0, outcome.seconds - sum(seconds)))
-        columns.append([f"{value:.1f} s, {value / outcome.seconds:.0%}" for value in seconds])
-    table.rows.extend([*row] for row in zip([*names, "start and the rest"], *columns, strict=True))
-    return table

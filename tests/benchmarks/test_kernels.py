@@ -9,11 +9,12 @@ from pathlib import Path
 import pytest
 
 from benchmarks.kernels.page import run_kernels
+from benchmarks.measure.commands import stage_table
 from benchmarks.measure.contest import Case, Contestant, Unsuitable, measure
 from benchmarks.measure.machine import Machine, copy_bandwidth
 from benchmarks.measure.tables import comparison, number
 from benchmarks.measure.watch import Watched, time_to_first_file, watch
-from benchmarks.streets.page import Outcome, _speed_table, _stage_table
+from benchmarks.streets.page import Outcome, Scene, _speed_table
 from tilepipe.evaluate.lines import LineScore
 
 MACHINE = Machine("a processor", 2, 8 << 30, "3.11", {"numpy": "2"}, "2026-01-01", 0.0, 1e9)
@@ -123,9 +124,11 @@ def test_watch_sees_time_memory_and_failure(tmp_path: Path) -> None:
 
 def test_tables_of_streets() -> None:
     score = LineScore(0.9, 0.8, 0.7, 0.0, 0.5, 1.0, 1.0, 1.0, 1.0, 3.0)
-    ours = Outcome("ours", 1000, [Watched(2.0, 1 << 30)], {"centerlines": score}, [{"a": 0.5, "b": 1.0}])
-    speed = _speed_table([ours, Outcome("plain", 1000, skipped="too large")], 50)
+    runs, stages = [Watched(2.0, 1 << 30)], [{"a": 0.5, "b": 1.0}]
+    ours = Outcome("ours", Scene(1000), runs, stages=stages, scores={"centerlines": score})
+    plain = Outcome("plain", Scene(1000), skipped="too large")
+    speed = _speed_table([ours, plain], 50)
     assert speed.rows[0][2:6] == ["0.5", "2.0", "2.0", "1.00"] and speed.rows[0][7] == "90.0 %"
     assert all(len(row) == len(speed.columns) for row in speed.rows)
-    stages = _stage_table([ours]).rows
-    assert stages[0] == ["a", "0.5 s, 25%"] and stages[-1] == ["start and the rest", "0.5 s, 25%"]
+    told = "a 0.5 s (25%), b 1.0 s (50%), start and the rest 0.5 s (25%)"
+    assert stage_table([ours, plain]).rows == [["1000² = 1 Mpx", "ours", told]]
