@@ -15,6 +15,7 @@ from benchmarks.measure.contest import Unsuitable
 from benchmarks.measure.tables import Table
 from benchmarks.objects.tables import percent
 from tilepipe.synthetic import City, render_layers
+from tilepipe_kernels.core.polylines import Polylines
 from tilepipe_kernels.mrf.edge_model import EdgeModel
 
 TOLERANCES = (1.0, 2.0)
@@ -76,11 +77,11 @@ def of_detected(found: NDArray[np.float32]) -> Points:
     return of_segments(placed[:, 1::-1], placed[:, 3:1:-1])
 
 
-def of_polylines(offsets: NDArray[np.int64], vertices: NDArray[Any]) -> Points:
+def of_polylines(polylines: Polylines) -> Points:
     """Points of polylines through centres of pixels (row, column)."""
-    inner = np.ones(max(len(vertices) - 1, 0), np.bool_)
-    inner[offsets[1:-1] - 1] = False
-    at = vertices + 0.5
+    inner = np.ones(max(len(polylines.vertices) - 1, 0), np.bool_)
+    inner[polylines.offsets[1:-1] - 1] = False
+    at = polylines.vertices + 0.5
     return of_segments(at[:-1][inner], at[1:][inner])
 
 
@@ -144,7 +145,7 @@ def _ours(grey: Grey, workers: int) -> Iterator[tuple[str, Callable[[], Points]]
             title = f"tilepipe, {count} levels, {name}" if name == "integrated" else f"tilepipe, {count} levels {name}"
             yield title, lambda o=observed, m=model, f=fields: of_cracks(*(e == 1 for e in f(o, m, workers)[1:]))
     threshold = lines.babu_threshold(grey.values)
-    yield "tilepipe Nevatia–Babu", lambda: of_polylines(*lines.babu_lines(grey.values, threshold, workers))
+    yield "tilepipe Nevatia–Babu", lambda: of_polylines(lines.babu_lines(grey.values, threshold, workers))
 
 
 def _peers(grey: Grey) -> Iterator[tuple[str, Callable[[], Points]]]:

@@ -15,11 +15,13 @@ from benchmarks.measure.contest import Unsuitable
 from benchmarks.objects.scenes import DATA
 from tilepipe.pipelines.edges.pass_bands import LUMINANCE
 from tilepipe.synthetic import City, render
-from tilepipe_kernels.image import histogram as levels
 from tilepipe_kernels.image.grey_levels import stretch, to_levels
+from tilepipe_kernels.image.histogram import class_means, histogram, percentile
 from tilepipe_kernels.mrf.edge_model import EdgeModel
-from tilepipe_kernels.mrf.labels.minimise import intensity_field, minimise
+from tilepipe_kernels.mrf.labels.intensity_field import intensity_field
+from tilepipe_kernels.mrf.labels.minimise import minimise
 from tilepipe_kernels.mrf.labels.problem import Labels
+from tilepipe_kernels.mrf.search import DEFAULT, Search
 
 PHOTOGRAPH = "autzen_north/ortho_rgb_1ft.tif"
 SEGMENTATION = "mrf_small/example_SMR.mat"
@@ -57,11 +59,11 @@ class Grey:
 
     def observed(self, count: int) -> Floats:
         """The image in units of a level; levels are the means of the classes of least variance."""
-        counts = levels.histogram(self.values)
-        darkest, brightest = (levels.percentile(counts, percent) for percent in PERCENTILES)
+        counts = histogram(self.values)
+        darkest, brightest = (percentile(counts, percent) for percent in PERCENTILES)
         grey = stretch(self.values, darkest, brightest)
-        histogram = np.bincount(np.rint(grey).astype(np.int64).ravel(), minlength=256)
-        return to_levels(grey, levels.class_means(histogram, count))
+        of_grey = np.bincount(np.rint(grey).astype(np.int64).ravel(), minlength=256)
+        return to_levels(grey, class_means(of_grey, count))
 
     @cached_property
     def bytes(self) -> Field:
@@ -141,13 +143,13 @@ class Instance:
         kinds[1, :, :-1] = np.searchsorted(middles, self.right)
         return steps[:, None, None] * self.table, kinds[0], kinds[1]
 
-    def solve(self, rows: slice, **options: Any) -> Labels:
-        """Labels of some rows, by tilepipe with the options of `intensity_field` or `minimise`."""
+    def solve(self, rows: slice, search: Search = DEFAULT) -> Labels:
+        """Labels of some rows, by `intensity_field` or `minimise`."""
         if self.observed is not None and self.model is not None:
-            return intensity_field(self.observed[rows], self.model, origin=(rows.start, 0), **options)
+            return intensity_field(self.observed[rows], self.model, search=search, origin=(rows.start, 0))
         tables, down, right = self._tables
         chosen = {name: None if kind is None else kind[rows] for name, kind in (("down", down), ("right", right))}
-        return minimise(self.unary[rows], tables, **chosen, origin=(rows.start, 0), **options)
+        return minimise(self.unary[rows], tables, **chosen, search=search, origin=(rows.start, 0))
 
     def corner(self, size: int) -> Instance:
         """The first ``size`` rows and columns as a problem of its own."""

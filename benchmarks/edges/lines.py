@@ -11,11 +11,19 @@ from numpy.typing import NDArray
 from benchmarks.edges.instances import Field, Floats, Grey
 from benchmarks.kernels.scene import Band, over_bands
 from benchmarks.measure.contest import Call, Case, Contestant, Unsuitable
+from tilepipe_kernels.core.polylines import Polylines
 from tilepipe_kernels.mrf.edge_model import EdgeModel
-from tilepipe_kernels.mrf.labels import minimise
-from tilepipe_kernels.mrf.lines import minimise as line_field
-from tilepipe_kernels.nevatia_babu import elements as nevatia_babu
-from tilepipe_kernels.nevatia_babu import links, tracing
+from tilepipe_kernels.mrf.labels.intensity_field import intensity_field
+from tilepipe_kernels.mrf.labels.minimise import halo as labels_halo
+from tilepipe_kernels.mrf.lines.minimise import coupled_fields, line_field
+from tilepipe_kernels.mrf.lines.minimise import halo as lines_halo
+from tilepipe_kernels.mrf.search import DEFAULT, Search
+from tilepipe_kernels.nevatia_babu.elements import count_magnitudes, thin_edges, threshold_from_histogram
+from tilepipe_kernels.nevatia_babu.links import EdgeElements, find_elements, join_elements
+from tilepipe_kernels.nevatia_babu.links import halo as links_halo
+from tilepipe_kernels.nevatia_babu.masks import edge_responses
+from tilepipe_kernels.nevatia_babu.tracing import trace_chains
+from tilepipe_kernels.polylines.end_point_fit import fit_polylines
 
 AIM = 10.0
 """Mpx/s of lines given labels, on all cores."""
@@ -56,22 +64,22 @@ def lines_of(labels: Field, model: EdgeModel, workers: int) -> Fields:
 
     def band(rows: Band) -> tuple[Field, Field, Field]:
         block = labels[rows.padded]
-        found = line_field.line_field(block, model, origin=(rows.low, 0))
+        found = line_field(block, model, origin=(rows.low, 0))
         return block[rows.core], found.horizontal[rows.core], found.vertical[rows.core]
 
-    return _joined(over_bands(band, len(labels), line_field.halo(model), workers))
+    return _joined(over_bands(band, len(labels), lines_halo(model), workers))
 
 
-def sequential(observed: Floats, model: EdgeModel, workers: int, method: minimise.Method = "parallel") -> Fields:
+def sequential(observed: Floats, model: EdgeModel, workers: int, search: Search = DEFAULT) -> Fields:
     """Labels first and lines then."""
 
     def band(rows: Band) -> tuple[Field, Field, Field]:
         origin = (rows.low, 0)
-        labels = minimise.intensity_field(observed[rows.padded], model, method=method, origin=origin).labels
-        found = line_field.line_field(labels, model, origin=origin)
+        labels = intensity_field(observed[rows.padded], model, search=search, origin=origin).labels
+        found = line_field(labels, model, origin=origin)
         return labels[rows.core], found.horizontal[rows.core], found.vertical[rows.core]
 
-    halo = minimise.halo(method=method) + line_field.halo(model)
+    halo = labels_halo(search) + lines_halo(model)
     return _joined(over_bands(band, len(observed), halo, workers))
 
 
@@ -79,34 +87,33 @@ def integrated(observed: Floats, model: EdgeModel, workers: int) -> Fields:
     """Labels and lines at once."""
 
     def band(rows: Band) -> tuple[Field, Field, Field]:
-        found = line_field.coupled_fields(observed[rows.padded], model, origin=(rows.low, 0))
+        found = coupled_fields(observed[rows.padded], model, origin=(rows.low, 0))
         return found.labels[rows.core], found.horizontal[rows.core], found.vertical[rows.core]
 
-    return _joined(over_bands(band, len(observed), line_field.halo(model, integrated=True), workers))
+    return _joined(over_bands(band, len(observed), lines_halo(model, integrated=True), workers))
 
 
 def babu_threshold(grey: Floats) -> float:
     """Threshold of Nevatia & Babu's elements that the pipeline takes: the corner of the histogram."""
-    magnitude, direction = nevatia_babu.edge_responses(grey)
-    counts = nevatia_babu.count_magnitudes(magnitude, nevatia_babu.thin_edges(magnitude, direction))
-    return nevatia_babu.threshold_from_histogram(counts)
+    magnitude, direction = edge_responses(grey)
+    counts = count_magnitudes(magnitude, thin_edges(magnitude, direction))
+    return threshold_from_histogram(counts)
 
 
-def babu_elements(grey: Floats, threshold: float, workers: int) -> links.EdgeElements:
+def babu_elements(grey: Floats, threshold: float, workers: int) -> EdgeElements:
     """Nevatia & Babu's linked elements."""
 
-    def band(rows: Band) -> links.EdgeElements:
+    def band(rows: Band) -> EdgeElements:
         core = (rows.core.start, rows.core.stop, 0, grey.shape[1])
-        return links.find_elements(grey[rows.padded], threshold, core, (rows.low, 0), grey.shape[1])
+        return find_elements(grey[rows.padded], threshold, core, (rows.low, 0), grey.shape[1])
 
-    return links.join_elements(over_bands(band, len(grey), links.halo(), workers))
+    return join_elements(over_bands(band, len(grey), links_halo(), workers))
 
 
-def babu_lines(grey: Floats, threshold: float, workers: int) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
-    """Nevatia & Babu's straight lines: offsets, and vertices (row, column)."""
+def babu_lines(grey: Floats, threshold: float, workers: int) -> Polylines:
+    """Nevatia & Babu's straight lines, with vertices (row, column)."""
     elements = babu_elements(grey, threshold, workers)
-    segments = tracing.trace_segments(elements)
-    return tracing.straight_lines(elements, segments, TOLERANCE)
+    return fit_polylines(trace_chains(elements).polylines(elements), TOLERANCE)
 
 
 # ------------------------------------------------------------------------------------------------- peers
@@ -194,7 +201,7 @@ def _serial(make: Callable[[], Callable[[], Any]]) -> Callable[[], Call]:
 def given_levels_case(grey: Grey) -> Case:
     """Line elements of given levels."""
     observed, model = grey.observed(LEVELS), EdgeModel(LEVELS)
-    labels = minimise.intensity_field(observed, model).labels
+    labels = intensity_field(observed, model).labels
     steps = (labels * (255 // (LEVELS - 1))).astype(np.uint8)
     contestants = [
         Contestant("tilepipe line_field", lambda: lambda workers: lines_of(labels, model, workers), ours=True),

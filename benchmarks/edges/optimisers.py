@@ -17,7 +17,8 @@ from benchmarks.measure.contest import Build, Call, Case, Contestant, Measuremen
 from benchmarks.measure.machine import Machine
 from benchmarks.measure.tables import Table, number
 from tilepipe_kernels.mrf.annealing import Annealing
-from tilepipe_kernels.mrf.labels.minimise import MESSAGES, Method, halo
+from tilepipe_kernels.mrf.labels.minimise import halo
+from tilepipe_kernels.mrf.search import DEFAULT, Search
 
 AIM = 20.0
 """Mpx/s of `PARALLEL` on all cores for K = 2."""
@@ -26,6 +27,9 @@ PARALLEL, ICM = "parallel HCF", "ICM"
 EXACT = "PyMaxflow, minimum cut"
 COMPILED = 48
 """Side of the part of an instance on which ours is compiled before it is timed."""
+
+MESSAGES = DEFAULT.messages, 4 * DEFAULT.messages
+"""Rounds of messages."""
 
 Kept = dict[str, NDArray[Any]]
 
@@ -84,7 +88,7 @@ def run_instance(
     sweeps
         Lengths of annealing.
     patience
-        Seconds; see `harness.measure`.
+        Seconds; see `benchmarks.measure.contest.measure`.
     """
     kept: Kept = {}
     case = _case(instance, kept, sweeps)
@@ -98,9 +102,9 @@ def run_instance(
 
 
 def _case(instance: Instance, kept: Kept, sweeps: Sequence[int]) -> Case:
-    def ours(name: str, method: Method, **options: Any) -> Contestant:
-        build, small = (_tiles(part, method, options) for part in (instance, instance.corner(COMPILED)))
-        return Contestant(name, _keeping(build, name, kept), ours=True, serial=method == "serial", small=small)
+    def ours(name: str, search: Search) -> Contestant:
+        build, small = (_tiles(part, search) for part in (instance, instance.corner(COMPILED)))
+        return Contestant(name, _keeping(build, name, kept), ours=True, serial=search.method == "serial", small=small)
 
     def peer(name: str, build: Build, note: str = "") -> Contestant:
         return Contestant(name, _keeping(build, name, kept), serial=True, note=note)
@@ -111,11 +115,11 @@ def _case(instance: Instance, kept: Kept, sweeps: Sequence[int]) -> Case:
         return Annealing(count, hot=unit, cold=0.05 * unit)
 
     contestants = [
-        ours(PARALLEL, "parallel"),
-        ours("serial HCF", "serial"),
-        ours(ICM, "icm"),
-        *(ours(f"annealing, {n} sweeps", "annealing", annealing=schedule(n)) for n in sweeps),
-        *(ours(f"messages, {n} rounds", "messages", messages=n) for n in (MESSAGES, 4 * MESSAGES)),
+        ours(PARALLEL, DEFAULT),
+        ours("serial HCF", Search("serial")),
+        ours(ICM, Search("icm")),
+        *(ours(f"annealing, {n} sweeps", Search("annealing", annealing=schedule(n))) for n in sweeps),
+        *(ours(f"messages, {n} rounds", Search("messages", messages=n)) for n in MESSAGES),
         peer(EXACT, lambda: cuts.minimum_cut(instance), "exact"),
         peer("gco, one cycle", lambda: cuts.expansion(instance, 1), "α-expansion"),
         peer("gco, to the end", lambda: cuts.expansion(instance, -1), "α-expansion"),
@@ -142,16 +146,16 @@ def _keeping(build: Build, name: str, kept: Kept) -> Build:
     return built
 
 
-def _tiles(instance: Instance, method: Method, options: dict[str, Any]) -> Build:
+def _tiles(instance: Instance, search: Search) -> Build:
     def run(workers: int) -> Field:
         rows = instance.unary.shape[0]
-        if method == "serial" or workers == 1:
-            return instance.solve(slice(0, rows), method=method, **options).labels
+        if search.method == "serial" or workers == 1:
+            return instance.solve(slice(0, rows), search=search).labels
 
         def band(part: Band) -> Field:
-            return instance.solve(part.padded, method=method, **options).labels[part.core]
+            return instance.solve(part.padded, search=search).labels[part.core]
 
-        return np.concatenate(over_bands(band, rows, halo(method=method, **options), workers))
+        return np.concatenate(over_bands(band, rows, halo(search), workers))
 
     return lambda: run
 

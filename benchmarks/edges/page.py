@@ -93,7 +93,7 @@ def run_edges(
     sweeps
         Lengths of annealing.
     scenes
-        Of the pipeline, some of `edge_pipeline.NAMES`.
+        Of the pipeline, some of `benchmarks.edges.pipeline.NAMES`.
     parts
         Some of `PARTS`.
     repetitions

@@ -1,4 +1,4 @@
-"""What `gpu_check` compares: each kernel of the three pipelines, on numpy and on cupy arrays.
+"""What `benchmarks.gpu.check` compares: each kernel of the three pipelines, on numpy and on cupy arrays.
 
 Nothing here needs more than numpy and the kernels, since a GPU machine may have no more.
 """
@@ -16,12 +16,14 @@ from tilepipe_kernels.car_model import sampler
 from tilepipe_kernels.heights import ground, surface_shape
 from tilepipe_kernels.image import diffusion, distance, fill, grey_levels, morphology
 from tilepipe_kernels.mrf import edge_model
-from tilepipe_kernels.mrf.labels import minimise
-from tilepipe_kernels.mrf.lines import minimise as line_field
+from tilepipe_kernels.mrf.labels.intensity_field import intensity_field
+from tilepipe_kernels.mrf.lines.minimise import line_field
+from tilepipe_kernels.mrf.search import Method, Search
 from tilepipe_kernels.network import skeleton
-from tilepipe_kernels.nevatia_babu import links
+from tilepipe_kernels.nevatia_babu.links import find_elements
 from tilepipe_kernels.regions import adjacency, extremes, growing, quadtree, region_table
-from tilepipe_kernels.ridges import ridges
+from tilepipe_kernels.ridges.links import link_points
+from tilepipe_kernels.ridges.points import line_points
 
 Arrays = tuple[Any, ...]
 Image = NDArray[np.float32]
@@ -138,11 +140,11 @@ def _diffuse(image: Any) -> Any:
 
 
 def _line_points(image: Any) -> Any:
-    return ridges.line_points(image, 4.0, low=0.5)
+    return line_points(image, 4.0, low=0.5)
 
 
 def _linked(image: Any) -> Any:
-    return ridges.link_points(ridges.line_points(image, 4.0, low=0.5))
+    return link_points(line_points(image, 4.0, low=0.5))
 
 
 def _table(labels: Any, values: Any) -> Any:
@@ -171,16 +173,16 @@ def _ground(h: Any) -> Any:
     return ground.ground_height(h, resolution=0.5, largest_object=30.0)
 
 
-def _label(method: minimise.Method) -> Callable[[Any], Any]:
-    return lambda y: minimise.intensity_field(y, MODEL, method=method, rounds=ROUNDS).labels
+def _label(method: Method) -> Callable[[Any], Any]:
+    return lambda y: intensity_field(y, MODEL, search=Search(method, ROUNDS)).labels
 
 
 def _line_field(x: Any) -> Any:
-    return line_field.line_field(x, MODEL, rounds=ROUNDS).horizontal
+    return line_field(x, MODEL, search=Search(rounds=ROUNDS)).horizontal
 
 
 def _labels(size: int) -> Arrays:
-    return (minimise.intensity_field(levels(size), MODEL).labels,)
+    return (intensity_field(levels(size), MODEL).labels,)
 
 
 def _one(make: Callable[[int], Any]) -> Callable[[int], Arrays]:
@@ -228,7 +230,7 @@ def edge_cases() -> list[GpuCase]:
         GpuCase("labels, parallel HCF", _one(levels), _label("parallel"), 5, ROUNDS),
         GpuCase("labels, messages", _one(levels), _label("messages"), 36, ROUNDS),
         GpuCase("line field, parallel HCF", _labels, _line_field, 3, ROUNDS),
-        GpuCase("Nevatia-Babu elements", _one(grey), lambda v: links.find_elements(v, 20000.0), 4),
+        GpuCase("Nevatia-Babu elements", _one(grey), lambda v: find_elements(v, 20000.0), 4),
     ]
 
 

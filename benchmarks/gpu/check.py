@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from benchmarks.gpu.cases import GpuCase, cases
 from tilepipe_kernels.core import arrays
+from tilepipe_kernels.core.simulated import simulating
 
 SIZE, CHECKED_SIZE, HOST_SIZE = 8192, 1024, 2048
 """Sides in pixels: of what the GPU is timed on, of what is compared, and of a CPU core's share."""
@@ -109,13 +110,13 @@ def timed(call: Callable[[], Any], repetitions: int, wait: Callable[[], None] = 
 
 def synchronize() -> None:
     """Wait for the device."""
-    if not arrays.simulating():
+    if not simulating():
         arrays.device_namespace().cuda.Device().synchronize()
 
 
 def device_name() -> str:
     """Name of the device."""
-    if arrays.simulating():
+    if simulating():
         return "simulator"
     return str(arrays.device_namespace().cuda.runtime.getDeviceProperties(0)["name"].decode())
 
@@ -190,7 +191,7 @@ def versions() -> str:
     """Of what the result depends on."""
     import numba
 
-    xp = "simulated" if arrays.simulating() else f"cupy {arrays.device_namespace().__version__}"
+    xp = "simulated" if simulating() else f"cupy {arrays.device_namespace().__version__}"
     return f"numpy {np.__version__}, numba {numba.__version__}, {xp}, Python {sys.version.split()[0]}"
 
 

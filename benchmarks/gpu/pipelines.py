@@ -1,4 +1,4 @@
-"""Whole pipelines on both backends, for `gpu_check`: what they publish, compared byte for byte, and their rates."""
+"""Whole pipelines on both backends, for `gpu.check`: what they publish, compared byte for byte, and their rates."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ LAYERS = {"streets": "intensity", "objects": "height", "edges": "aerial"}
 
 
 def pipeline_rows(size: int, in_one_line: Callable[[Exception], str]) -> Iterator[dict[str, Any]]:
-    """One row of `gpu_check.Row` for each pipeline, or one that says what is missing."""
+    """One row of `benchmarks.gpu.check.Row` for each pipeline, or one that says what is missing."""
     try:
         import tilepipe
         from tilepipe.engine.options import RunOptions

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.measure.contest import Call, Case, Contestant
-from tilepipe_kernels.points import gridding
+from tilepipe_kernels.points.gridding import Method, grid_points
+from tilepipe_kernels.points.gridding import halo as gridding_halo
 from tilepipe_kernels.points.point_tiles import sort_by_tile, subcells
 
 CELL, SCALE = 0.5, 0.001
@@ -30,7 +31,7 @@ def _points(size: int) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np
     return y, x, z
 
 
-def gridding_case(size: int, method: gridding.Method) -> Case:
+def gridding_case(size: int, method: Method) -> Case:
     """Points to cells of half a metre with voids filled; three integers a point in, one double a cell out."""
     peers = {
         "nearest": [Contestant("scipy cKDTree", lambda: _tree(size), note="of the nearest point, at any distance")],
@@ -54,9 +55,9 @@ def gridding_case(size: int, method: gridding.Method) -> Case:
     )
 
 
-def _ours(size: int, method: gridding.Method) -> Call:
+def _ours(size: int, method: Method) -> Call:
     y, x, z = _points(size)
-    margin = gridding.halo(method, REACH)
+    margin = gridding_halo(method, REACH)
     side = 1 << max(1, (size // 2 - 1).bit_length())
     tiles = -(-size // side)
 
@@ -71,7 +72,7 @@ def _ours(size: int, method: gridding.Method) -> Call:
 
             def tile(number: int) -> NDArray[np.float64]:
                 own = np.concatenate([points[starts[number] : starts[number + 1]] for points, starts in chunks])
-                return gridding.grid_points(own, (side, side), method=method, reach=REACH)
+                return grid_points(own, (side, side), method=method, reach=REACH)
 
             return list(pool.map(tile, range(tiles**2)))
 

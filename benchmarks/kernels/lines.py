@@ -9,7 +9,10 @@ import numpy as np
 from benchmarks.kernels.scene import LINE_CONTRAST, LINE_WIDTH, LOW, SIGMA, Band, Scene, over_bands
 from benchmarks.measure.contest import Call, Case, Contestant
 from tilepipe_kernels.network import tracing
-from tilepipe_kernels.ridges import ridges
+from tilepipe_kernels.ridges.links import LINK_RADIUS, link_points
+from tilepipe_kernels.ridges.points import LinePoints, line_points
+from tilepipe_kernels.ridges.ridges import halo as ridges_halo
+from tilepipe_kernels.ridges.width import line_widths
 
 
 def points_case(scene: Scene) -> Case:
@@ -31,13 +34,13 @@ def points_case(scene: Scene) -> Case:
 
 def _line_points(scene: Scene) -> Call:
     image = scene.grey
-    halo = ridges.halo(SIGMA)
+    halo = ridges_halo(SIGMA)
 
     def run(workers: int) -> Any:
-        def band(rows: Band) -> ridges.LinePoints:
+        def band(rows: Band) -> LinePoints:
             core = np.zeros((rows.high - rows.low, scene.size), np.uint8)
             core[rows.core] = 1
-            return ridges.line_points(image[rows.padded], SIGMA, low=LOW, mask=core)
+            return line_points(image[rows.padded], SIGMA, low=LOW, mask=core)
 
         return over_bands(band, scene.size, halo, workers)
 
@@ -106,20 +109,20 @@ def linked_case(scene: Scene) -> Case:
 
 def _linked(scene: Scene) -> Call:
     image = scene.grey
-    halo = ridges.halo(SIGMA, 2 * LINE_WIDTH)
+    halo = ridges_halo(SIGMA, 2 * LINE_WIDTH)
 
     def run(workers: int) -> Any:
         def band(rows: Band) -> Any:
             block = image[rows.padded]
             core = np.zeros(block.shape, np.uint8)
-            radius = ridges.LINK_RADIUS
+            radius = LINK_RADIUS
             core[max(0, rows.core.start - radius) : rows.core.stop + radius] = 1
-            points = ridges.line_points(block, SIGMA, low=LOW, mask=core)
+            points = line_points(block, SIGMA, low=LOW, mask=core)
             links = np.zeros(block.shape, np.uint8)
-            links[points.row, points.col] = ridges.link_points(points)
+            links[points.row, points.col] = link_points(points)
             inside = (points.row >= rows.core.start) & (points.row < rows.core.stop)
             points = points.take(np.flatnonzero(inside & (links[points.row, points.col] > 0)))
-            widths = ridges.line_widths(block, points, SIGMA, maximum_width=2 * LINE_WIDTH)
+            widths = line_widths(block, points, SIGMA, maximum_width=2 * LINE_WIDTH)
             window = (rows.core.start, 0, rows.core.stop, scene.size)
             return widths, tracing.trace(links, window, (rows.low, 0), scene.size)
 

@@ -64,7 +64,7 @@ def run_kernels(
     peers
         Whether the peers run too.
     patience
-        Seconds; see `harness.measure`.
+        Seconds; see `benchmarks.measure.contest.measure`.
     only
         Measures the cases whose name holds this.
     scratch

@@ -17,7 +17,7 @@ from tilepipe_kernels.image import diffusion, histogram, morphology
 from tilepipe_kernels.image.fill import fill_voids
 from tilepipe_kernels.network import skeleton
 from tilepipe_kernels.regions import growing
-from tilepipe_kernels.ridges import ridges
+from tilepipe_kernels.ridges.bar_profile import response_of_bar
 
 Result = TypeVar("Result")
 
@@ -26,7 +26,7 @@ TOLERANCE = 4.0
 SIGMA = 4.0
 LINE_WIDTH = 12.0
 LINE_CONTRAST = 40.0
-LOW = ridges.response_of_bar(LINE_WIDTH / 2, LINE_CONTRAST, SIGMA)
+LOW = response_of_bar(LINE_WIDTH / 2, LINE_CONTRAST, SIGMA)
 """Response of the faintest line that is sought: 12 pixels wide, 40 grey levels darker than its sides."""
 CAP, SEPARATION = 40, 8.0
 BRANCH = 30.0

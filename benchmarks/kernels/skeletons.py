@@ -9,7 +9,8 @@ import numpy as np
 from benchmarks.kernels.scene import BRANCH, CAP, SEPARATION, Band, Scene, over_bands
 from benchmarks.measure.contest import Call, Case, Contestant
 from tilepipe_kernels.network import skeleton, tracing
-from tilepipe_kernels.network.build import NetworkRules, build_network, line_batch
+from tilepipe_kernels.network.build import build_network, line_batch
+from tilepipe_kernels.network.cleaning import Cleaning
 from tilepipe_kernels.network.fragment_table import summarise
 
 
@@ -88,7 +89,7 @@ def pruning_case(scene: Scene) -> Case:
 
 def _network(scene: Scene) -> Call:
     axis = scene.skeleton
-    rules = NetworkRules(minimum_branch=BRANCH)
+    rules = Cleaning(minimum_branch=BRANCH)
 
     def run(workers: int) -> Any:
         def band(rows: Band) -> tracing.Fragments:

@@ -13,11 +13,12 @@ from benchmarks.measure.contest import Call, Case, Contestant
 from tilepipe.io.geometries import region_polygons
 from tilepipe.pipelines.objects.pass_leaves import to_ticks
 from tilepipe.synthetic import City, render
-from tilepipe_kernels.car_model.sampler import CarModel, sample
+from tilepipe_kernels.car_model.model import CarModel
+from tilepipe_kernels.car_model.sampler import sample
 from tilepipe_kernels.polylines.arcs import trace_arcs
 from tilepipe_kernels.polylines.join import join_arcs
 from tilepipe_kernels.polylines.polygons import assemble_polygons
-from tilepipe_kernels.polylines.simplify import simplify_arcs
+from tilepipe_kernels.polylines.simplify import simplify_polylines
 from tilepipe_kernels.regions import adjacency, quadtree
 
 DEVIATION = 350.0
@@ -170,7 +171,7 @@ def polygons_case(scene: Scene, tolerance: float = 0.0) -> Case:
         4 * scene.size**2,
         [
             Contestant(
-                f"tilepipe arcs{', simplify_arcs' * simplified} and polygons",
+                f"tilepipe arcs{', simplify_polylines' * simplified} and polygons",
                 lambda: _polygons(scene, tolerance),
                 ours=True,
                 note=f"{regions:,} regions",
@@ -197,7 +198,7 @@ def _polygons(scene: Scene, tolerance: float) -> Call:
     def run(workers: int) -> Any:
         exact = join_arcs(over_bands(part, scene.size, 1, workers))
         rings = assemble_polygons(exact)
-        return region_polygons(rings, simplify_arcs(exact, tolerance, 1.0, 1.0) if tolerance > 0 else exact)
+        return region_polygons(rings, simplify_polylines(exact, tolerance, 1.0, 1.0) if tolerance > 0 else exact)
 
     return run
 

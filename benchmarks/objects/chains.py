@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.measure.contest import Unsuitable
-from tilepipe_kernels.car_model.sampler import CarModel
+from tilepipe_kernels.car_model.model import CarModel
 
 REFERENCE = Path(__file__).resolve().parents[2] / "scripts" / "reference_car"
 """Script that holds the model in JAGS's language."""

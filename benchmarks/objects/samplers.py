@@ -17,7 +17,8 @@ from benchmarks.measure.contest import Call, Case, Contestant, Unsuitable
 from benchmarks.measure.tables import Table, number
 from benchmarks.objects.chains import Chains, Float64, jags, plain_loop, rows_of
 from tilepipe_kernels.car_model.convergence import effective_sample_size
-from tilepipe_kernels.car_model.sampler import CarModel, sample
+from tilepipe_kernels.car_model.model import CarModel
+from tilepipe_kernels.car_model.sampler import sample
 
 NODES = (1_000, 10_000, 100_000, 1_000_000)
 LEAVES_PER_PIXEL = 0.1

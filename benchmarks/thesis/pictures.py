@@ -71,10 +71,10 @@ def elements_panel(lines: Classical, shape: tuple[int, int]) -> Panel:
 
 
 def straight_panel(lines: Classical, shape: tuple[int, int]) -> Panel:
-    """Straight lines of the traced segments."""
+    """Straight lines of the traced chains."""
     panel = np.full((_ZOOM * shape[0], _ZOOM * shape[1]), _PAPER, np.uint8)
-    for first, end in zip(lines.offsets[:-1], lines.offsets[1:], strict=True):
-        corners = lines.vertices[first:end].astype(np.float64) + 0.5
+    for vertices in lines.polylines:
+        corners = vertices.astype(np.float64) + 0.5
         for a, b in itertools.pairwise(corners):
             share = np.linspace(0, 1, 1 + int(2 * _ZOOM * np.abs(b - a).max()))[:, None]
             _dot(panel, a + share * (b - a), _LINE)

@@ -11,15 +11,19 @@ from typing import Literal, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe_kernels.image import histogram as levels
+from tilepipe_kernels.core.polylines import Polylines
 from tilepipe_kernels.image.grey_levels import LARGEST_GREY, to_levels
+from tilepipe_kernels.image.histogram import class_means
 from tilepipe_kernels.mrf.edge_energy import energy
 from tilepipe_kernels.mrf.edge_model import EdgeModel
-from tilepipe_kernels.mrf.labels.minimise import intensity_field
+from tilepipe_kernels.mrf.labels.intensity_field import intensity_field
 from tilepipe_kernels.mrf.lines.minimise import coupled_fields, line_field
-from tilepipe_kernels.nevatia_babu import elements as nevatia_babu
+from tilepipe_kernels.mrf.search import Search
+from tilepipe_kernels.nevatia_babu.elements import count_magnitudes, thin_edges, threshold_from_histogram
 from tilepipe_kernels.nevatia_babu.links import EdgeElements, find_elements, join_elements
-from tilepipe_kernels.nevatia_babu.tracing import BoundarySegments, straight_lines, trace_segments
+from tilepipe_kernels.nevatia_babu.masks import NO_DIRECTION, edge_responses
+from tilepipe_kernels.nevatia_babu.tracing import ElementChains, trace_chains
+from tilepipe_kernels.polylines.end_point_fit import fit_polylines
 
 Grey = NDArray[np.float32]
 Field = NDArray[np.uint8]
@@ -105,7 +109,7 @@ class Outcome:
 def observed(grey: Grey, count: int) -> Grey:
     """Grey values in units of a level; the levels are the means of the classes of least variance."""
     histogram = np.bincount(np.rint(grey).astype(np.int64).ravel(), minlength=int(LARGEST_GREY) + 1)
-    return to_levels(grey, levels.class_means(histogram, count))
+    return to_levels(grey, class_means(histogram, count))
 
 
 def execute(run: Run, form: Form, grey: Grey, repetitions: int = 1) -> Outcome:
@@ -121,14 +125,14 @@ def execute(run: Run, form: Form, grey: Grey, repetitions: int = 1) -> Outcome:
         The fields are found so often; the fastest counts.
     """
     y = observed(grey, run.levels)
-    model = EdgeModel(levels=run.levels, potential=run.potential)
+    model, search = EdgeModel(levels=run.levels, potential=run.potential), Search(form.method, sure=form.sure)
 
     def fields() -> tuple[Field, Field, Field, int]:
         if run.way == "integrated":
-            both = coupled_fields(y, model, method=form.method, sure=form.sure)
+            both = coupled_fields(y, model, search=search)
             return both.labels, both.horizontal, both.vertical, both.unresolved
-        first = intensity_field(y, model, method=form.method)
-        lines = line_field(first.labels, model, method=form.method, sure=form.sure)
+        first = intensity_field(y, model, search=search)
+        lines = line_field(first.labels, model, search=search)
         return first.labels, lines.horizontal, lines.vertical, first.unresolved + lines.unresolved
 
     (x, h, v, unresolved), seconds = fastest(fields, repetitions)
@@ -158,27 +162,26 @@ class Classical:
         Of the magnitude.
     elements
         Edge elements above it, linked.
-    segments
+    chains
         What was traced: lone elements are in none.
-    offsets, vertices
-        The straight lines that approximate the segments, as `straight_lines` gives them.
+    polylines
+        The straight lines that approximate the chains, with vertices (row, column).
     seconds
         The fastest of the repetitions.
     """
 
     threshold: float
     elements: EdgeElements
-    segments: BoundarySegments
-    offsets: NDArray[np.int64]
-    vertices: NDArray[np.int32]
+    chains: ElementChains
+    polylines: Polylines
     seconds: float
 
 
 def magnitudes(grey: Grey) -> Grey:
     """Magnitudes of all edge elements of an image, ascending."""
-    size, direction = nevatia_babu.edge_responses(grey)
-    elements = nevatia_babu.thin_edges(size, direction)
-    return np.sort(size[elements != nevatia_babu.NO_DIRECTION])
+    size, direction = edge_responses(grey)
+    elements = thin_edges(size, direction)
+    return np.sort(size[elements != NO_DIRECTION])
 
 
 def classical(grey: Grey, threshold: float | None = None, repetitions: int = 1) -> Classical:
@@ -194,15 +197,15 @@ def classical(grey: Grey, threshold: float | None = None, repetitions: int = 1) 
         The fastest counts.
     """
 
-    def lines() -> tuple[float, EdgeElements, BoundarySegments, NDArray[np.int64], NDArray[np.int32]]:
+    def lines() -> tuple[float, EdgeElements, ElementChains, Polylines]:
         limit = threshold
         if limit is None:
-            size, direction = nevatia_babu.edge_responses(grey)
-            counts = nevatia_babu.count_magnitudes(size, nevatia_babu.thin_edges(size, direction))
-            limit = nevatia_babu.threshold_from_histogram(counts)
+            size, direction = edge_responses(grey)
+            counts = count_magnitudes(size, thin_edges(size, direction))
+            limit = threshold_from_histogram(counts)
         elements = join_elements([find_elements(grey, limit)])
-        segments = trace_segments(elements)
-        return limit, elements, segments, *straight_lines(elements, segments, LINE_TOLERANCE)
+        chains = trace_chains(elements)
+        return limit, elements, chains, fit_polylines(chains.polylines(elements), LINE_TOLERANCE)
 
     result, seconds = fastest(lines, repetitions)
     return Classical(*result, seconds)

@@ -99,8 +99,8 @@ def of_field(horizontal: Field, vertical: Field) -> Detections:
 
 
 def of_lines(lines: Classical) -> Detections:
-    """Elements of traced segments; those of one segment are connected, and segments that share an element."""
-    members, offsets = lines.segments.members.astype(np.int64), lines.segments.offsets
+    """Elements of traced chains; those of one chain are connected, and chains that share an element."""
+    members, offsets = lines.chains.members.astype(np.int64), lines.chains.offsets
     used = np.unique(members)
     inner = np.ones(max(members.size - 1, 0), np.bool_)
     inner[offsets[1:-1] - 1] = False

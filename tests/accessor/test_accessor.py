@@ -22,12 +22,16 @@ from tilepipe.io.raster import as_dataarray, open_raster
 from tilepipe_kernels.heights import ground
 from tilepipe_kernels.image import diffusion, grey_levels, morphology
 from tilepipe_kernels.mrf.edge_model import EdgeModel
-from tilepipe_kernels.mrf.labels import minimise
-from tilepipe_kernels.mrf.lines import minimise as line_field
+from tilepipe_kernels.mrf.labels.intensity_field import intensity_field
+from tilepipe_kernels.mrf.lines.minimise import line_field
+from tilepipe_kernels.mrf.search import Search
 from tilepipe_kernels.network import skeleton
-from tilepipe_kernels.nevatia_babu import elements as nevatia_babu
+from tilepipe_kernels.nevatia_babu.elements import thin_edges
+from tilepipe_kernels.nevatia_babu.masks import edge_responses
 from tilepipe_kernels.regions import growing, quadtree
-from tilepipe_kernels.ridges import ridges
+from tilepipe_kernels.regions.quadtree_sums import MISSING
+from tilepipe_kernels.ridges.links import link_points
+from tilepipe_kernels.ridges.points import line_points
 
 SHAPE = (60, 71)
 STREETS = band(SHAPE, (-5, 20), (70, 50), 7) | ring(SHAPE, (30, 45), 18, 5)
@@ -79,21 +83,19 @@ def levels_of(values: np.ndarray) -> np.ndarray:
 
 
 def lines_of(labels: np.ndarray) -> np.ndarray:
-    found = line_field.line_field(labels, CALM, rounds=6)
+    found = line_field(labels, CALM, search=Search(rounds=6))
     return np.where(labels == 255, 255, found.horizontal | found.vertical << 1)
 
 
 def leaf_means(values: np.ndarray) -> np.ndarray:
-    ticks = np.where(np.isnan(values), quadtree.MISSING, np.rint(np.nan_to_num(values).astype(float) * 1000)).astype(
-        np.int32
-    )
+    ticks = np.where(np.isnan(values), MISSING, np.rint(np.nan_to_num(values).astype(float) * 1000)).astype(np.int32)
     labels, leaves = quadtree.split(ticks, threshold=12_000.0**2, smallest=1, largest=8)
     return np.append(np.nan, leaves.total / leaves.count / 1000)[labels].astype(np.float32)
 
 
 def steps_of(values: np.ndarray) -> np.ndarray:
-    magnitude, direction = nevatia_babu.edge_responses(values)
-    elements = nevatia_babu.thin_edges(magnitude, direction, 20_000)
+    magnitude, direction = edge_responses(values)
+    elements = thin_edges(magnitude, direction, 20_000)
     return np.where(elements < 255, magnitude / 1000, 0).astype(np.float32)
 
 
@@ -108,7 +110,7 @@ OPERATORS |= {
     "segment": (
         False,
         lambda a: a.tilepipe.segment(means=MEANS, rounds=6),
-        lambda v: minimise.intensity_field(levels_of(v), EdgeModel(levels=4), rounds=6).labels,
+        lambda v: intensity_field(levels_of(v), EdgeModel(levels=4), search=Search(rounds=6)).labels,
     ),
     "line_field": (
         None,
@@ -123,7 +125,7 @@ CHUNKS = [(17, 23), (60, 9), (4, 71), ((1, 38, 2, 19), (40, 3, 28)), (60, 71)]
 
 def raster_for(name: str) -> np.ndarray:
     if name == "line_field":
-        return minimise.intensity_field(levels_of(greys()), CALM).labels
+        return intensity_field(levels_of(greys()), CALM).labels
     noise = np.random.default_rng(1).random(SHAPE) < 0.03
     return STREETS ^ noise if OPERATORS[name][0] else greys()
 
@@ -151,8 +153,8 @@ def test_operators_are_the_kernels(name):
 
 
 def test_ridge_lines_are_the_linked_points():
-    points = ridges.line_points(greys(), 2.0, low=0.5, dark=True)
-    linked = points.take(np.flatnonzero(ridges.link_points(points)))
+    points = line_points(greys(), 2.0, low=0.5, dark=True)
+    linked = points.take(np.flatnonzero(link_points(points)))
     found = array(greys()).tilepipe.ridge_lines(sigma=2.0, low=0.5).values
     assert set(zip(*np.nonzero(found), strict=True)) == set(zip(linked.row, linked.col, strict=True))
 

@@ -22,7 +22,7 @@ from benchmarks.measure.watch import Watched
 from tests.commands_here import run_commands_here
 from tilepipe_kernels.mrf.edge_energy import energy
 from tilepipe_kernels.mrf.edge_model import EdgeModel
-from tilepipe_kernels.mrf.labels.minimise import Method
+from tilepipe_kernels.mrf.search import Method, Search
 
 MACHINE = Machine("a processor", 2, 8 << 30, "3.11", {"numpy": "2"}, "2026-01-01", 0.0, 1e9)
 
@@ -69,7 +69,7 @@ def test_ours_is_told_the_weights_of_pairs() -> None:
     down, right = np.full((5, 5), 9.0), np.full((6, 4), 9.0)
     down[2] = 0
     instance = Instance("x", unary, 1 - np.eye(2), down=down, right=right)
-    labels = instance.solve(slice(0, 6), method="messages").labels
+    labels = instance.solve(slice(0, 6), Search("messages")).labels
     assert (labels[:3] == 0).all() and (labels[3:] == 1).all()
 
 
@@ -103,7 +103,7 @@ def test_no_optimiser_is_below_the_exact_minimum() -> None:
     instance = of_model("K = 4", aerial(48, Path("nowhere")).observed(4), EdgeModel(4, "quadratic"))
     least = instance.energy(cuts.minimum_cut(instance)(1))
     for method in get_args(Method):
-        found = instance.energy(instance.solve(slice(0, 48), method=method).labels)
+        found = instance.energy(instance.solve(slice(0, 48), Search(method)).labels)
         assert least - 1e-3 <= found < 1.05 * least, method
 
 
@@ -144,7 +144,7 @@ def test_optimisers_and_their_table() -> None:
     if not found[EXACT].measurement.skipped:
         assert min(each.energy for each in solved) >= found[EXACT].energy - 1e-3
     # tiles do not show
-    whole = instance.solve(slice(0, 40), method="parallel").labels
+    whole = instance.solve(slice(0, 40)).labels
     assert found[PARALLEL].energy == instance.energy(whole)
     table = optimiser_table([solved], MACHINE)
     assert all(len(row) == len(table.columns) for row in table.rows)

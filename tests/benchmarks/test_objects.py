@@ -22,7 +22,8 @@ from benchmarks.objects.samplers import COUNTING, LOOP, Sampled, effective_draws
 from benchmarks.objects.scenes import ObjectScene, prepare
 from benchmarks.objects.tables import building_table, partition_table, speed_table, verdict
 from tests.commands_here import run_commands_here
-from tilepipe_kernels.car_model.sampler import CarModel, sample
+from tilepipe_kernels.car_model.model import CarModel
+from tilepipe_kernels.car_model.sampler import sample
 
 MACHINE = Machine("a processor", 2, 8 << 30, "3.11", {"numpy": "2"}, "2026-01-01", 0.0, 1e9)
 

@@ -80,7 +80,7 @@ def test_both_methods_find_a_step() -> None:
         assert found.f1 == 1 and outcome.unresolved == 0
     lines = classical(scene.grey, 1000.0)
     assert score(of_lines(lines), scene).f1 == 1
-    assert len(lines.offsets) == 2 and lines.vertices[:, 0].tolist() in ([19, 19], [20, 20])
+    assert len(lines.polylines) == 1 and lines.polylines.vertices[:, 0].tolist() in ([19, 19], [20, 20])
 
 
 def test_sixteen_runs(results: Results) -> None:

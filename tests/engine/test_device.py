@@ -16,7 +16,9 @@ from tilepipe.engine.progress import Silent
 from tilepipe.errors import InputError
 from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import Tile, TileGrid
-from tilepipe_kernels.core.arrays import DeviceMemoryError, choose_backend, simulating, to_device
+from tilepipe_kernels.core.arrays import choose_backend, to_device
+from tilepipe_kernels.core.device_memory import DeviceMemoryError
+from tilepipe_kernels.core.simulated import simulating
 
 GRID = TileGrid((40, 60), (20, 20))
 TILE = GRID.tile(1, halo=4)

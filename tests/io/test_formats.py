@@ -24,33 +24,34 @@ from tilepipe.errors import InputError
 from tilepipe.io import geoparquet
 from tilepipe.io.cog import cog_from_tiled
 from tilepipe.io.formats import SUFFIX, convert, write_table
-from tilepipe.io.geometries import lines_from_ragged
+from tilepipe.io.geometries import line_strings
 from tilepipe.io.geoparquet import ParquetLineWriter
+from tilepipe_kernels.core.polylines import Polylines
+from tilepipe_kernels.core.ragged import offsets_of
 
 CRS = "EPSG:2994"
 TYPES = {"line_id": np.int64, "region_id": np.uint32, "length_m": np.float64, "name": "string"}
-Lines = tuple[dict[str, NDArray[Any]], NDArray[np.float64], NDArray[np.int64]]
+Lines = tuple[dict[str, NDArray[Any]], Polylines]
 
 
 def make_lines(count: int, seed: int = 0) -> Lines:
     random = np.random.default_rng(seed)
-    offsets = np.concatenate([[0], np.cumsum(random.integers(2, 6, count))])
+    offsets = offsets_of(random.integers(2, 6, count))
     columns = {
         "line_id": np.arange(count),
         "region_id": random.integers(0, 2**32, count).astype(np.uint32),
         "length_m": np.where(random.random(count) < 0.1, np.nan, random.random(count)),
         "name": np.array([f"s{k % 5}" for k in range(count)], dtype=object),
     }
-    return columns, random.random((offsets[-1], 2)) * 1000 + (6e5, 8e5), offsets
+    return columns, Polylines(offsets, random.random((offsets[-1], 2)) * 1000 + (6e5, 8e5))
 
 
 def write_in_batches(path: Path, lines: Lines, cuts: list[int]) -> Path:
-    columns, coordinates, offsets = lines
+    columns, polylines = lines
     with ParquetLineWriter(path, TYPES, CRS) as writer:
         for start, stop in pairwise(cuts):
             batch = {name: values[start:stop] for name, values in columns.items()}
-            part = offsets[start : stop + 1]
-            writer.append(batch, coordinates[part[0] : part[-1]], part - part[0])
+            writer.append(batch, polylines.taken(np.arange(start, stop)))
     return path
 
 
@@ -65,16 +66,16 @@ def test_batches_do_not_show(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_parquet_round_trip(tmp_path: Path) -> None:
-    columns, coordinates, offsets = lines = make_lines(50)
+    columns, polylines = lines = make_lines(50)
     table = geopandas.read_parquet(write_in_batches(tmp_path / "lines.parquet", lines, [0, 20, 50]))
     assert table.crs == CRS
     assert table["region_id"].dtype == np.uint32
     for name, values in columns.items():
         np.testing.assert_array_equal(table[name].to_numpy(), values)
-    np.testing.assert_array_equal(shapely.get_coordinates(table.geometry), coordinates)
-    np.testing.assert_array_equal(shapely.get_num_points(table.geometry), np.diff(offsets))
+    np.testing.assert_array_equal(shapely.get_coordinates(table.geometry), polylines.vertices)
+    np.testing.assert_array_equal(shapely.get_num_points(table.geometry), polylines.sizes)
     geo = pq.read_schema(tmp_path / "lines.parquet").metadata[b"geo"].decode()
-    for part in ('"version": "1.1.0"', '"geometry_types": ["LineString"]', str(coordinates[:, 0].min())):
+    for part in ('"version": "1.1.0"', '"geometry_types": ["LineString"]', str(polylines.vertices[:, 0].min())):
         assert part in geo
 
 
@@ -145,7 +146,7 @@ def test_bad_batches_are_refused(
         pytest.raises(ValueError, match=message),
         ParquetLineWriter(path, {"line_id": np.int64}, CRS) as writer,
     ):
-        writer.append(columns, np.array(coordinates, float), np.array(offsets))
+        writer.append(columns, Polylines(np.array(offsets), np.array(coordinates, float)))
     assert list(tmp_path.iterdir()) == []
 
 
@@ -174,7 +175,7 @@ def test_formats_are_checked(tmp_path: Path) -> None:
 
 
 def test_ragged_lines_may_be_none() -> None:
-    assert len(lines_from_ragged(np.empty((0, 2)), np.array([0]))) == 0
+    assert len(line_strings(Polylines(np.array([0]), np.empty((0, 2))))) == 0
 
 
 @pytest.fixture
@@ -220,8 +221,8 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
 
 @pytest.mark.parametrize("format", list(SUFFIX))
 def test_a_full_disk_is_reported_for_tables(small_disk: Path, tmp_path: Path, format: str) -> None:
-    columns, coordinates, offsets = make_lines(9000)
-    geometry = lines_from_ragged(coordinates, offsets)
+    columns, polylines = make_lines(9000)
+    geometry = line_strings(polylines)
     with pytest.raises(InputError, match="the disk is full"):
         write_table(small_disk / f"t{SUFFIX[format]}", columns, geometry, CRS, format)
     assert list(small_disk.iterdir()) == []

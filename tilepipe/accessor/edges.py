@@ -16,14 +16,17 @@ from tilepipe.errors import InputError
 from tilepipe.tiling.grid import Tile
 from tilepipe_kernels.image import grey_levels
 from tilepipe_kernels.mrf.edge_model import MAXIMUM_LEVELS, EdgeModel
-from tilepipe_kernels.mrf.labels import minimise
-from tilepipe_kernels.mrf.lines import minimise as line_field
-from tilepipe_kernels.nevatia_babu import elements as nevatia_babu
+from tilepipe_kernels.mrf.labels.intensity_field import intensity_field
+from tilepipe_kernels.mrf.labels.minimise import halo as labels_halo
+from tilepipe_kernels.mrf.lines.minimise import halo as lines_halo
+from tilepipe_kernels.mrf.lines.minimise import line_field
+from tilepipe_kernels.mrf.search import MOST_ROUNDS, Search
+from tilepipe_kernels.nevatia_babu.elements import halo as elements_halo
+from tilepipe_kernels.nevatia_babu.elements import thin_edges
+from tilepipe_kernels.nevatia_babu.masks import NO_DIRECTION, STEP_RESPONSE, edge_responses
 
 LevelMethod = Literal["parallel", "messages", "icm", "annealing"]
 LineMethod = Literal["parallel", "icm", "annealing"]
-
-_MOST_ROUNDS = 2**16 - 1
 
 _NO_LEVEL = 255
 """Level and line elements at nodata."""
@@ -35,7 +38,7 @@ class EdgeOperators(BlockOperators):
     def segment(
         self, *, means: Sequence[float], method: LevelMethod = "parallel", rounds: int = 24, **weights: Any
     ) -> xr.DataArray:
-        """Levels of grey values by a Bayesian model; see `tilepipe_kernels.mrf.labels.minimise.intensity_field`.
+        """Levels of grey values by a Bayesian model; see `tilepipe_kernels.mrf.labels.intensity_field.intensity_field`.
 
         Parameters
         ----------
@@ -70,17 +73,17 @@ class EdgeOperators(BlockOperators):
         """
         _check_optimiser("segment", method, get_args(LevelMethod), rounds)
         greys = _checked_means(means)
-        model = _edge_model(greys.size, weights)
+        model, search = _edge_model(greys.size, weights), Search(method, int(rounds))
 
         def function(block: NDArray[Any], tile: Tile) -> NDArray[Any]:
             observed = grey_levels.to_levels(np.ascontiguousarray(block, np.float32), greys)
-            found = minimise.intensity_field(observed, model, method=method, rounds=rounds, origin=tile.padded.origin)
+            found = intensity_field(observed, model, search=search, origin=tile.padded.origin)
             return found.labels[tile.core_in_padded.slices]
 
-        return self.map_blocks("segment", function, minimise.halo(rounds, method=method), np.uint8)
+        return self.map_blocks("segment", function, labels_halo(search), np.uint8)
 
     def line_field(
-        self, *, levels: int, method: LineMethod = "parallel", rounds: int = line_field.ROUNDS, **weights: Any
+        self, *, levels: int, method: LineMethod = "parallel", rounds: int = 24, **weights: Any
     ) -> xr.DataArray:
         """Line elements between the pixels of an array of levels; see `tilepipe_kernels.mrf.lines.minimise.line_field`.
 
@@ -116,17 +119,17 @@ class EdgeOperators(BlockOperators):
         [0, 2, 0, 0]
         """
         _check_optimiser("line_field", method, get_args(LineMethod), rounds)
-        model = _edge_model(levels, weights)
+        model, search = _edge_model(levels, weights), Search(method, int(rounds))
 
         def function(block: NDArray[Any], tile: Tile) -> NDArray[Any]:
             labels = _checked_levels(block, levels)
-            found = line_field.line_field(labels, model, method=method, rounds=rounds, origin=tile.padded.origin)
+            found = line_field(labels, model, search=search, origin=tile.padded.origin)
             lines = found.horizontal | found.vertical << 1
             lines[labels == _NO_LEVEL] = _NO_LEVEL
             return lines[tile.core_in_padded.slices]
 
         # one more, for the elements to the pixels of the neighbours
-        return self.map_blocks("line_field", function, line_field.halo(model, rounds, method=method) + 1, np.uint8)
+        return self.map_blocks("line_field", function, lines_halo(model, search) + 1, np.uint8)
 
     def nevatia_babu(self, *, threshold: float = 0.0) -> xr.DataArray:
         """Thinned edge elements by six masks; see `tilepipe_kernels.nevatia_babu.elements.thin_edges`.
@@ -154,12 +157,12 @@ class EdgeOperators(BlockOperators):
         """
 
         def function(block: NDArray[Any], tile: Tile) -> NDArray[Any]:
-            magnitude, direction = nevatia_babu.edge_responses(block)
-            elements = nevatia_babu.thin_edges(magnitude, direction, threshold * nevatia_babu.STEP_RESPONSE)
-            step = np.where(elements != nevatia_babu.NO_DIRECTION, magnitude / nevatia_babu.STEP_RESPONSE, 0)
+            magnitude, direction = edge_responses(block)
+            elements = thin_edges(magnitude, direction, threshold * STEP_RESPONSE)
+            step = np.where(elements != NO_DIRECTION, magnitude / STEP_RESPONSE, 0)
             return step.astype(np.float32)[tile.core_in_padded.slices]
 
-        return self.map_blocks("nevatia_babu", function, nevatia_babu.halo(), np.float32)
+        return self.map_blocks("nevatia_babu", function, elements_halo(), np.float32)
 
 
 def _checked_means(means: Sequence[float]) -> NDArray[np.float64]:
@@ -188,8 +191,8 @@ def _check_optimiser(operator: str, method: str, known: tuple[str, ...], rounds:
     """
     if method not in known:
         raise InputError(f"{operator}: method must be one of {', '.join(known)}, not {method!r}")
-    if not (isinstance(rounds, Integral) and 1 <= rounds <= _MOST_ROUNDS):
-        raise InputError(f"{operator}: rounds must be a whole number from 1 to {_MOST_ROUNDS}, not {rounds!r}")
+    if not (isinstance(rounds, Integral) and 1 <= rounds <= MOST_ROUNDS):
+        raise InputError(f"{operator}: rounds must be a whole number from 1 to {MOST_ROUNDS}, not {rounds!r}")
 
 
 def _checked_levels(block: NDArray[Any], levels: int) -> NDArray[np.uint8]:

@@ -18,7 +18,9 @@ from tilepipe.tiling.seams import border_facts, raster_borders, touches_seam
 from tilepipe_kernels.image import diffusion, morphology
 from tilepipe_kernels.network import skeleton
 from tilepipe_kernels.regions import growing, region_table
-from tilepipe_kernels.ridges import ridges
+from tilepipe_kernels.ridges.links import link_points
+from tilepipe_kernels.ridges.points import line_points
+from tilepipe_kernels.ridges.ridges import halo as ridges_halo
 
 
 class StreetOperators(BlockOperators):
@@ -129,13 +131,13 @@ class StreetOperators(BlockOperators):
         """
 
         def function(block: NDArray[Any], tile: Tile) -> NDArray[Any]:
-            points = ridges.line_points(block, sigma, low=low, dark=dark)
-            linked = points.take(np.flatnonzero(ridges.link_points(points)))
+            points = line_points(block, sigma, low=low, dark=dark)
+            linked = points.take(np.flatnonzero(link_points(points)))
             response = np.zeros(block.shape, np.float32)
             response[linked.row, linked.col] = linked.response
             return response[tile.core_in_padded.slices]
 
-        return self.map_blocks("ridge_lines", function, ridges.halo(sigma), np.float32)
+        return self.map_blocks("ridge_lines", function, ridges_halo(sigma), np.float32)
 
     def medial_axis(self, *, half_width: int, separation: float = 5.0) -> xr.DataArray:
         """Euclidean skeleton of a mask; see `tilepipe_kernels.network.skeleton.medial_axis`.

@@ -44,16 +44,18 @@ def compile_kernels() -> None:
 def compile_line_kernels() -> None:
     """Call the kernels of the pass `lines`, which `compile_kernels` reaches only after those of the passes before."""
     from tilepipe_kernels.network import skeleton, tracing
-    from tilepipe_kernels.ridges import ridges
+    from tilepipe_kernels.ridges.links import link_points
+    from tilepipe_kernels.ridges.points import line_points
+    from tilepipe_kernels.ridges.width import line_widths
 
     street, grey = _drawn_street()
-    points = ridges.line_points(grey, 5.0, low=0.1, mask=street)
+    points = line_points(grey, 5.0, low=0.1, mask=street)
     links = np.zeros(street.shape, np.uint8)
-    links[points.row, points.col] = ridges.link_points(points)
+    links[points.row, points.col] = link_points(points)
     tracing.trace(links, core=(0, 256, 0, 256), origin=(0, 0), width=256)
     axis, _ = skeleton.medial_axis_and_distance(street, cap=20, separation=8.0, origin=(0, 0))
     skeleton.skeleton_links(axis)
-    ridges.line_widths(grey, points, 5.0, maximum_width=40.0)
+    line_widths(grey, points, 5.0, maximum_width=40.0)
 
 
 def run_demo(out: Path, *, size: int = 2048, seed: int = 0, progress: Progress | None = None) -> str:

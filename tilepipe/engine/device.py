@@ -9,7 +9,13 @@ from typing import TypeVar
 
 from tilepipe.errors import InputError
 from tilepipe.tiling.grid import Tile
-from tilepipe_kernels.core import arrays
+from tilepipe_kernels.core.arrays import Backend
+from tilepipe_kernels.core.device_memory import (
+    device_stream,
+    free_device_memory,
+    is_out_of_memory,
+    limit_device_memory,
+)
 
 Result = TypeVar("Result")
 
@@ -70,18 +76,18 @@ def on_device(compute: Callable[[], Result], tile: Tile, limit: int) -> Result:
         When the tile does not even fit alone; says which tile size to use.  What other tiles have finished stays.
     """
     try:
-        with _DEVICE.together(), arrays.device_stream():
-            arrays.limit_device_memory(limit)
+        with _DEVICE.together(), device_stream():
+            limit_device_memory(limit)
             return compute()
     except Exception as error:
-        if not arrays.is_out_of_memory(error):
+        if not is_out_of_memory(error):
             raise
-    with _DEVICE.alone(), arrays.device_stream():
-        arrays.free_device_memory()
+    with _DEVICE.alone(), device_stream():
+        free_device_memory()
         try:
             return compute()
         except Exception as error:
-            if not arrays.is_out_of_memory(error):
+            if not is_out_of_memory(error):
                 raise
             side = max(tile.core.shape)
             raise InputError(
@@ -91,7 +97,7 @@ def on_device(compute: Callable[[], Result], tile: Tile, limit: int) -> Result:
 
 
 @contextmanager
-def fitting(what: str, advice: str, backend: arrays.Backend) -> Iterator[None]:
+def fitting(what: str, advice: str, backend: Backend) -> Iterator[None]:
     """Say what to do when something that is no tile does not fit in the memory of the device.
 
     With the backend cupy it begins with what the tiles have left free.
@@ -102,10 +108,10 @@ def fitting(what: str, advice: str, backend: arrays.Backend) -> Iterator[None]:
         Instead of the error of the device's memory.
     """
     if backend == "cupy":
-        arrays.free_device_memory()
+        free_device_memory()
     try:
         yield
     except Exception as error:
-        if not arrays.is_out_of_memory(error):
+        if not is_out_of_memory(error):
             raise
         raise InputError(f"the memory of the GPU, or --memory, is too small for {what}; {advice}") from error

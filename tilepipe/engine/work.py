@@ -24,7 +24,8 @@ from tilepipe.io.formats import convert
 from tilepipe.io.georeference import Geometry
 from tilepipe.io.raster import Raster
 from tilepipe.tiling.grid import TileGrid, Window
-from tilepipe_kernels.core.arrays import Backend, device_memory, why_no_device
+from tilepipe_kernels.core.arrays import Backend, why_no_device
+from tilepipe_kernels.core.device_memory import device_memory
 
 Result = TypeVar("Result")
 

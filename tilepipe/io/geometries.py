@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tilepipe_kernels.core.polylines import Polylines
 from tilepipe_kernels.polylines.arcs import Labels
 from tilepipe_kernels.polylines.join import Arcs
 from tilepipe_kernels.polylines.polygons import PolygonRings
@@ -65,50 +66,53 @@ def _without_collector() -> Iterator[None]:
             gc.enable()
 
 
-def lines_from_ragged(coordinates: NDArray[np.float64], offsets: NDArray[np.integer]) -> NDArray[np.object_]:
-    """Shapely LineStrings of the vertices of many lines.
+def line_strings(polylines: Polylines) -> NDArray[np.object_]:
+    """Shapely LineStrings of polylines.
 
     Parameters
     ----------
-    coordinates
-        float64, shape (vertices, 2): x and y of all lines, end to end, finite.
-    offsets
-        Integers, shape (lines + 1,): line ``k`` has the vertices ``coordinates[offsets[k]:offsets[k + 1]]``, two at
-        least.
+    polylines
+        With vertices (x, y), finite.
 
     Returns
     -------
-    ndarray of object, shape (lines,)
+    ndarray of object, shape (n,)
         LineStrings.
 
     Raises
     ------
     ValueError
-        For shapes that do not fit, a line of fewer than two vertices, coordinates that are not finite.
+        As for `checked_polylines`.
 
     Examples
     --------
     >>> import numpy as np
-    >>> from tilepipe.io.geometries import lines_from_ragged
+    >>> from tilepipe.io.geometries import line_strings
+    >>> from tilepipe_kernels.core.polylines import Polylines
     >>> vertices = np.array([[0.0, 0.0], [3.0, 4.0], [0.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
-    >>> [line.length for line in lines_from_ragged(vertices, np.array([0, 2, 5]))]
+    >>> [line.length for line in line_strings(Polylines(np.array([0, 2, 5]), vertices))]
     [5.0, 2.0]
     """
     import shapely
 
-    coordinates, offsets = checked_lines(coordinates, offsets)
-    if len(offsets) == 1:
+    checked = checked_polylines(polylines)
+    if not len(checked):
         return np.empty(0, dtype=object)
-    lines: NDArray[np.object_] = shapely.from_ragged_array(shapely.GeometryType.LINESTRING, coordinates, (offsets,))
+    ragged = checked.vertices, (checked.offsets,)
+    lines: NDArray[np.object_] = shapely.from_ragged_array(shapely.GeometryType.LINESTRING, *ragged)
     return lines
 
 
-def checked_lines(
-    coordinates: NDArray[np.float64], offsets: NDArray[np.integer]
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Coordinates as contiguous float64 and offsets as int64; errors are those of `lines_from_ragged`."""
-    coordinates = np.ascontiguousarray(coordinates, dtype=np.float64)
-    starts: NDArray[np.int64] = np.asarray(offsets, dtype=np.int64)
+def checked_polylines(polylines: Polylines) -> Polylines:
+    """Polylines that can be written, their vertices contiguous and float64.
+
+    Raises
+    ------
+    ValueError
+        Shapes do not match, a polyline has fewer than two vertices, or a coordinate is not finite.
+    """
+    coordinates = np.ascontiguousarray(polylines.vertices, dtype=np.float64)
+    starts: NDArray[np.int64] = np.asarray(polylines.offsets, dtype=np.int64)
     if coordinates.ndim != 2 or coordinates.shape[1] != 2:
         raise ValueError(f"coordinates must have shape (vertices, 2), got {coordinates.shape}")
     if starts.ndim != 1 or len(starts) == 0 or starts[0] != 0 or starts[-1] != len(coordinates):
@@ -117,4 +121,4 @@ def checked_lines(
         raise ValueError("a line needs two vertices or more; drop shorter ones before writing")
     if not np.isfinite(coordinates).all():
         raise ValueError("coordinates must be finite; drop lines with NaN or infinity before writing")
-    return coordinates, starts
+    return Polylines(starts, coordinates)

@@ -13,17 +13,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tilepipe.io.atomic import atomic_write
-from tilepipe.io.geometries import checked_lines
-from tilepipe_kernels.core.compiled import loop
+from tilepipe.io.geometries import checked_polylines
+from tilepipe_kernels.core.polylines import Polylines
+from tilepipe_kernels.polylines.wkb import line_strings as wkb_line_strings
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 ROW_GROUP = 65536
 GEOMETRY = "geometry"
-
-_WKB_HEADER, _VERTEX, _LINE_STRING = 9, 16, 2
-"""Bytes before the vertices of a line in WKB, and of a vertex; WKB's number of the type."""
 
 _NOWHERE = np.full(4, np.nan)
 
@@ -214,7 +212,7 @@ class ParquetWriter:
 
 
 class ParquetLineWriter:
-    """Stream a table of lines, given as coordinates and offsets, into a GeoParquet 1.1 file.
+    """Stream a table of polylines into a GeoParquet 1.1 file.
 
     Parameters and behaviour are those of `ParquetWriter`, with LineString as the geometry type.
 
@@ -223,8 +221,10 @@ class ParquetLineWriter:
     >>> import geopandas
     >>> import numpy as np
     >>> from tilepipe.io.geoparquet import ParquetLineWriter
+    >>> from tilepipe_kernels.core.polylines import Polylines
+    >>> line = Polylines(np.array([0, 2]), np.array([[0.0, 0.0], [30.0, 40.0]]))
     >>> with ParquetLineWriter("streets.parquet", {"width": "float32"}, "EPSG:32633") as writer:
-    ...     writer.append({"width": [12.0]}, np.array([[0.0, 0.0], [30.0, 40.0]]), np.array([0, 2]))
+    ...     writer.append({"width": [12.0]}, line)
     >>> geopandas.read_parquet("streets.parquet").length.tolist()
     [50.0]
     """
@@ -246,27 +246,23 @@ class ParquetLineWriter:
     ) -> None:
         self._table.__exit__(kind, error, trace)
 
-    def append(
-        self, columns: Mapping[str, ArrayLike], coordinates: NDArray[np.float64], offsets: NDArray[np.integer]
-    ) -> None:
-        """Append lines; line ``k`` has the vertices ``coordinates[offsets[k]:offsets[k + 1]]``.
+    def append(self, columns: Mapping[str, ArrayLike], lines: Polylines) -> None:
+        """Append one row per line.
 
         Parameters
         ----------
         columns
             Name -> array (lines,) for every declared column.
-        coordinates
-            (vertices, 2) float64, x and y in the table's CRS.
-        offsets
-            (lines + 1,) integers, from 0 to the number of vertices; each line has two vertices or more.
+        lines
+            With vertices (x, y) in the table's CRS, float64.
 
         Raises
         ------
         ValueError
             Shapes do not match, a line has fewer than two vertices, or a coordinate is not finite.
         """
-        coordinates, offsets = checked_lines(coordinates, offsets)
-        count = len(offsets) - 1
+        lines = checked_polylines(lines)
+        count = len(lines)
         arrays: dict[str, NDArray[Any]] = {name: np.asarray(values) for name, values in columns.items()}
         for name, array in arrays.items():
             if array.shape != (count,):
@@ -274,39 +270,22 @@ class ParquetLineWriter:
         # in parts, since the bytes of one array of arrow are counted in 31 bits
         for first in range(0, max(count, 1), ROW_GROUP):
             part = slice(first, min(first + ROW_GROUP, count))
-            within = offsets[part.start : part.stop + 1]
-            points = coordinates[within[0] : within[-1]]
+            within = lines.offsets[part.start : part.stop + 1]
+            points = lines.vertices[within[0] : within[-1]]
             bounds = np.concatenate([points.min(axis=0), points.max(axis=0)]) if len(points) else _NOWHERE
             rows = {name: array[part] for name, array in arrays.items()}
-            self._table._append(rows, _encoded_lines(points, within - within[0]), bounds)
+            self._table._append(rows, _encoded(Polylines(within - within[0], points)), bounds)
 
 
-@loop
-def _write_lines(offsets: NDArray[np.int64], coordinates: NDArray[np.uint8], wkb: NDArray[np.uint8]) -> None:
-    """Bytes of LineStrings one after the other: byte order (little-endian), type, number of vertices, coordinates."""
-    at = 0
-    for line in range(offsets.size - 1):
-        count = offsets[line + 1] - offsets[line]
-        wkb[at], wkb[at + 1] = 1, _LINE_STRING
-        wkb[at + 2 : at + 5] = 0
-        for byte in range(4):
-            wkb[at + 5 + byte] = count >> 8 * byte & 255
-        at += _WKB_HEADER
-        wkb[at : at + _VERTEX * count] = coordinates[_VERTEX * offsets[line] : _VERTEX * offsets[line + 1]]
-        at += _VERTEX * count
-
-
-def _encoded_lines(coordinates: NDArray[np.float64], offsets: NDArray[np.int64]) -> pa.Array:
+def _encoded(polylines: Polylines) -> pa.Array:
     """LineStrings as little-endian WKB."""
     import pyarrow as pa
 
-    ends = _WKB_HEADER * np.arange(len(offsets)) + _VERTEX * offsets
+    ends, wkb = wkb_line_strings(polylines)
     if ends[-1] > np.iinfo(np.int32).max:
         raise ValueError("lines are too long for one batch; append fewer of them at a time")
-    wkb = np.empty(int(ends[-1]), np.uint8)
-    _write_lines(offsets, coordinates.astype("<f8", copy=False).reshape(-1).view(np.uint8), wkb)
     buffers = [None, pa.py_buffer(ends.astype(np.int32)), pa.py_buffer(wkb)]
-    return pa.Array.from_buffers(pa.binary(), len(offsets) - 1, buffers)
+    return pa.Array.from_buffers(pa.binary(), len(polylines), buffers)
 
 
 def _is_text(kind: pa.DataType) -> bool:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from tilepipe.tiling.facts import Facts
 from tilepipe_kernels.core.arrays import namespace
-from tilepipe_kernels.image import histogram
+from tilepipe_kernels.image.histogram import BINS
 
 
 def as_facts(counted: Mapping[str, NDArray[np.int64]]) -> Facts:
@@ -48,7 +48,7 @@ def added(facts: Iterable[Facts], name: str) -> NDArray[np.int64]:
     >>> percentile(counts, 50)
     30.0
     """
-    counts = np.zeros(histogram.BINS, np.int64)
+    counts = np.zeros(BINS, np.int64)
     for tile in facts:
         counts[tile[f"{name}:bins"]] += tile[f"{name}:counts"]
     return counts

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from tilepipe.tiling.grid import Tile, Window
 from tilepipe_kernels.core.arrays import namespace
-from tilepipe_kernels.image import histogram
+from tilepipe_kernels.image.histogram import histogram, percentile
 
 _ROWS = 4
 """The noise is measured on every so-maniest global row."""
@@ -31,7 +31,7 @@ def count_differences(values: NDArray[np.float32], tile: Tile) -> NDArray[np.int
     core = tile.core_in_padded
     beside = Window(core.top, core.left, core.bottom, min(core.right + 1, values.shape[1]))
     xp = namespace(values)
-    return histogram.histogram(xp.abs(xp.diff(values[beside.slices][-tile.core.top % _ROWS :: _ROWS], axis=1)))
+    return histogram(xp.abs(xp.diff(values[beside.slices][-tile.core.top % _ROWS :: _ROWS], axis=1)))
 
 
 def noise(counts: NDArray[np.int64]) -> float:
@@ -60,4 +60,4 @@ def noise(counts: NDArray[np.int64]) -> float:
     >>> round(noise(count_differences(image.astype(np.float32), tile)))
     5
     """
-    return histogram.percentile(counts, 50.0) / _MEDIAN_DIFFERENCE if counts.any() else 0.0
+    return percentile(counts, 50.0) / _MEDIAN_DIFFERENCE if counts.any() else 0.0

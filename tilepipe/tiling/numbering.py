@@ -12,6 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tilepipe_kernels.core.ragged import offsets_of
+
 
 @dataclass(frozen=True)
 class Numbering:
@@ -35,7 +37,7 @@ class Numbering:
     @classmethod
     def of_counts(cls, counts: NDArray[np.int64]) -> Numbering:
         """From the number of features of each tile."""
-        return cls(np.concatenate([[0], np.cumsum(counts)]).astype(np.int64))
+        return cls(offsets_of(counts))
 
     @property
     def total(self) -> int:

@@ -30,7 +30,8 @@ from numpy.typing import NDArray
 
 from tilepipe_kernels.core.arrays import namespace
 from tilepipe_kernels.core.compiled import inlined_rule
-from tilepipe_kernels.regions.colouring import count_components, in_order
+from tilepipe_kernels.regions.colouring import in_order
+from tilepipe_kernels.regions.components import count_components
 
 Float64 = NDArray[np.float64]
 Float32 = NDArray[np.float32]

@@ -13,18 +13,12 @@ from typing import Literal
 import numpy as np
 
 from tilepipe_kernels.car_model.chain import Variances, check_lengths, check_tolerance, moments, run_chain
-from tilepipe_kernels.car_model.exact import check_variances, checked_sites, perturb_and_map, refuse_device
-from tilepipe_kernels.car_model.model import CarModel, Float32, Float64, Int32, Int64, Posterior, Priors, Traces
-from tilepipe_kernels.car_model.pixel_grid import sample_grid
+from tilepipe_kernels.car_model.exact import check_variances, checked_sites, refuse_device
+from tilepipe_kernels.car_model.model import CarModel, Float32, Float64, Int32, Int64, Posterior, Traces
 from tilepipe_kernels.car_model.states import Exact, edge_probabilities, gibbs_chain, start_of
 from tilepipe_kernels.core.arrays import namespace
 from tilepipe_kernels.core.random import as_seed
 from tilepipe_kernels.core.sums import ordered_sum
-
-__all__ = [
-    "CarModel", "Posterior", "Priors", "Traces", "expect", "perturb_and_map", "sample", "sample_grid",
-    "sample_variances",
-]  # fmt: skip
 
 _SETTLED = 0.01
 """Share of the tolerance below which steps of heights to their expectation are not worth a pass: the next steps are

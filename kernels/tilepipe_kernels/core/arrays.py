@@ -3,189 +3,23 @@
 A kernel's public function takes arrays of either kind and gives back the kind it took.  numpy arrays lie in the memory
 of the host, cupy arrays in that of a GPU; nothing moves between them but by `to_device` and `to_host`.
 
-Where numba simulates CUDA (``NUMBA_ENABLE_CUDASIM=1``, for tests), a `SimulatedArray` stands for a cupy array: it is a
-numpy array whose namespace has only functions that cupy has too.  This is the one module that imports cupy.
+Where numba simulates CUDA, a `core.simulated.SimulatedArray` stands for a cupy array.  This is the one module that
+imports cupy.
 """
 
 from __future__ import annotations
 
-import os
-import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tilepipe_kernels.core.simulated import SIMULATED_NUMPY, SimulatedArray, SimulatedNamespace, simulating
+
 Backend = Literal["numpy", "cupy"]
-
-DEVICE_FUNCTIONS = frozenset(
-    [
-        "abs",
-        "all",
-        "any",
-        "arange",
-        "argmax",
-        "argmin",
-        "argsort",
-        "array",
-        "asarray",
-        "ascontiguousarray",
-        "bincount",
-        "bool_",
-        "broadcast_to",
-        "ceil",
-        "clip",
-        "concatenate",
-        "copyto",
-        "count_nonzero",
-        "cumsum",
-        "diff",
-        "divmod",
-        "empty",
-        "empty_like",
-        "exp",
-        "expand_dims",
-        "flatnonzero",
-        "floor",
-        "float32",
-        "float64",
-        "full",
-        "full_like",
-        "hypot",
-        "inf",
-        "int16",
-        "int32",
-        "int64",
-        "int8",
-        "isinf",
-        "isfinite",
-        "isnan",
-        "lexsort",
-        "log",
-        "log2",
-        "logical_and",
-        "logical_not",
-        "logical_or",
-        "matmul",
-        "max",
-        "maximum",
-        "mean",
-        "median",
-        "min",
-        "minimum",
-        "moveaxis",
-        "nan",
-        "nanmax",
-        "nanmin",
-        "nonzero",
-        "ones",
-        "ones_like",
-        "pad",
-        "percentile",
-        "ravel",
-        "repeat",
-        "rint",
-        "round",
-        "searchsorted",
-        "sign",
-        "sort",
-        "sqrt",
-        "square",
-        "stack",
-        "sum",
-        "take",
-        "tile",
-        "transpose",
-        "tril",
-        "triu",
-        "uint16",
-        "uint32",
-        "uint64",
-        "uint8",
-        "unique",
-        "vstack",
-        "where",
-        "zeros",
-        "zeros_like",
-    ]
-)
-"""Names of numpy that cupy has with the same meaning, and that device code may use through `namespace`."""
-
-
-class SimulatedArray(np.ndarray):
-    """A numpy array that stands for one on the device where numba simulates CUDA.
-
-    As cupy does, it takes no part in functions that it has no counterpart of, nor in any with arrays of the host.
-    """
-
-    def get(self) -> NDArray[Any]:
-        """Copy on the host, as of a cupy array."""
-        return np.array(self, subok=False)
-
-    def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **options: Any) -> Any:
-        given = [*inputs, *options.get("out", ())]
-        if strangers := [each for each in given if _is_host_array(each)]:
-            raise TypeError(f"numpy.{ufunc.__name__}: host array of shape {strangers[0].shape} meets one of the device")
-        if "out" in options:
-            options["out"] = tuple(plain(each) for each in options["out"])
-            getattr(ufunc, method)(*map(plain, inputs), **options)
-            return given[-1]
-        return _simulated(getattr(ufunc, method)(*map(plain, inputs), **options))
-
-    def __array_function__(self, function: Any, types: Any, arguments: Any, options: Any) -> Any:
-        if function.__name__ not in DEVICE_FUNCTIONS:
-            raise TypeError(f"device code may not use numpy.{function.__name__}; see arrays.DEVICE_FUNCTIONS")
-        if any(issubclass(kind, np.ndarray) and kind is not SimulatedArray for kind in types):
-            raise TypeError(f"numpy.{function.__name__}: arrays of the host and of the device are mixed")
-        # numpy's own code is not device code: inside it all arrays are plain
-        return _simulated(function(*plain(arguments), **{name: plain(value) for name, value in options.items()}))
-
-
-def _is_host_array(value: Any) -> bool:
-    return isinstance(value, np.ndarray) and not isinstance(value, SimulatedArray) and value.ndim > 0
-
-
-def plain(value: Any) -> Any:
-    """A simulated device array as the numpy array that it is, in a list or tuple too; anything else as it is."""
-    if type(value) in (list, tuple):
-        return type(value)(plain(each) for each in value)
-    return value.view(np.ndarray) if isinstance(value, SimulatedArray) else value
-
-
-class _SimulatedNamespace:
-    """The part of a module that device code may use; what it makes lies on the simulated device."""
-
-    def __init__(self, module: Any, names: frozenset[str]) -> None:
-        self._module, self._names = module, names
-
-    def __getattr__(self, name: str) -> Any:
-        if name not in self._names:
-            raise AttributeError(f"device code may not use {name!r}; see arrays.DEVICE_FUNCTIONS")
-        found = getattr(self._module, name)
-        if isinstance(found, type) or not callable(found):
-            return found
-
-        def on_simulated_device(*arguments: Any, **options: Any) -> Any:
-            return _simulated(found(*arguments, **options))
-
-        return on_simulated_device
-
-
-def _simulated(result: Any) -> Any:
-    if isinstance(result, tuple):
-        return tuple(_simulated(each) for each in result)
-    return result.view(SimulatedArray) if isinstance(result, np.ndarray) else result
 
 
 _FILTERS = frozenset(("minimum_filter", "maximum_filter", "gaussian_filter", "uniform_filter"))
-_SIMULATED_NAMESPACE = _SimulatedNamespace(np, DEVICE_FUNCTIONS)
-
-
-def simulating() -> bool:
-    """Whether numba simulates CUDA in this process."""
-    return os.environ.get("NUMBA_ENABLE_CUDASIM", "0") not in ("", "0")
 
 
 def on_device(*arrays: Any) -> bool:
@@ -252,7 +86,7 @@ def device_namespace() -> Any:
         Where there is no cupy, or no device that it can use; the message says which.
     """
     if simulating():
-        return _SIMULATED_NAMESPACE
+        return SIMULATED_NUMPY
     reason = why_no_device()
     if reason:
         raise ValueError(reason)
@@ -268,7 +102,7 @@ def image_filters(*arrays: Any) -> Any:
     if not on_device(*arrays):
         return ndimage
     if simulating():
-        return _SimulatedNamespace(ndimage, _FILTERS)
+        return SimulatedNamespace(ndimage, _FILTERS)
     from cupyx.scipy import ndimage as device_ndimage
 
     return device_ndimage
@@ -342,68 +176,3 @@ def to_backend(array: NDArray[Any], backend: Backend) -> Any:
 def to_host(array: Any) -> NDArray[Any]:
     """Copy of a device array on the host; a host array as it is."""
     return array.get() if on_device(array) else array
-
-
-# ------------------------------------------------------------------------------------------------- device memory
-
-
-def limit_device_memory(limit: int) -> None:
-    """Give the memory pool of this process a limit in bytes; more than the device has is no limit.
-
-    An array that does not fit raises an error that `is_out_of_memory` knows.
-    """
-    if not simulating():
-        pool = device_namespace().get_default_memory_pool()
-        if pool.get_limit() != limit:
-            pool.set_limit(size=limit)
-
-
-def device_memory() -> int:
-    """Bytes of memory that the device has."""
-    return 1 << 40 if simulating() else int(device_namespace().cuda.Device().mem_info[1])
-
-
-_DEVICE_ERRORS = frozenset(("OutOfMemoryError", "CUDARuntimeError", "CUDADriverError", "CudaAPIError", "CUDAError"))
-"""Errors of cupy, of numba and of what launches numba's grids, among them those of memory that is too small."""
-
-
-def is_out_of_memory(error: BaseException) -> bool:
-    """Whether an error says that the memory of the device, or its limit, is too small.
-
-    Examples
-    --------
-    >>> from tilepipe_kernels.core.arrays import DeviceMemoryError, is_out_of_memory
-    >>> is_out_of_memory(DeviceMemoryError()), is_out_of_memory(MemoryError("of the host"))
-    (True, False)
-    """
-    text = str(error).lower().replace("_", " ")
-    # a wrong address of memory is another matter
-    too_small = "out of memory" in text or "memoryallocation" in text
-    return isinstance(error, DeviceMemoryError) or (type(error).__name__ in _DEVICE_ERRORS and too_small)
-
-
-class DeviceMemoryError(MemoryError):
-    """The memory of the device is too small; also raised by tests, which have no device to fill."""
-
-
-def free_device_memory() -> None:
-    """Give back what the memory pool keeps for later."""
-    if not simulating():
-        device_namespace().get_default_memory_pool().free_all_blocks()
-
-
-_threads = threading.local()
-
-
-@contextmanager
-def device_stream() -> Iterator[None]:
-    """Queue this thread's work on a stream of its own, so that copies of one tile overlap with another's kernels."""
-    if simulating():
-        yield
-        return
-    stream = getattr(_threads, "stream", None)
-    if stream is None:
-        stream = _threads.stream = device_namespace().cuda.Stream(non_blocking=True)
-    with stream:
-        yield
-        stream.synchronize()

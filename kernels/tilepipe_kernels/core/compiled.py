@@ -14,8 +14,9 @@ from typing import Any, TypeVar
 
 import numba
 
-from tilepipe_kernels.core.arrays import device_namespace, plain, simulating
+from tilepipe_kernels.core.arrays import device_namespace
 from tilepipe_kernels.core.cache import keep_grid, keep_loop
+from tilepipe_kernels.core.simulated import plain, simulating
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 

@@ -11,7 +11,7 @@ import importlib
 from collections.abc import Callable
 from typing import Any
 
-from tilepipe_kernels.core.arrays import simulating
+from tilepipe_kernels.core.simulated import simulating
 
 
 class _SimulatedCuda:

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe_kernels.network.close_gaps import close_gaps
-from tilepipe_kernels.network.fragment_table import FragmentTable
-from tilepipe_kernels.network.points import LoadTile, coordinates, gather
-from tilepipe_kernels.network.rules import (
+from tilepipe_kernels.core.polylines import Polylines
+from tilepipe_kernels.core.ragged import Int64, offsets_of, run_of_rows
+from tilepipe_kernels.network.cleaning import (
+    Cleaning,
     OnBorder,
     contract,
     drop_short_components,
@@ -25,49 +25,10 @@ from tilepipe_kernels.network.rules import (
     nowhere,
     prune,
 )
-from tilepipe_kernels.network.street_graph import Bool, Chains, Graph, Int64, dissolve, graph_of, join
-
-
-@dataclass(frozen=True)
-class NetworkRules:
-    """What is done to the joined lines, in this order; lengths in pixels, 0 or None leaves a rule out.
-
-    Attributes
-    ----------
-    high
-        Response that a line must reach somewhere (upper hysteresis threshold).
-    through_junctions
-        Whether hysteresis follows lines through junctions (else each edge must reach ``high``).
-    contraction
-        Junctions that edges up to this length hold together become one.
-    maximum_gap, maximum_angle
-        Longest bridge across a gap, and the widest angle in degrees between a line's end and its bridge.
-    direction_steps
-        Links over which the direction of a line's end is taken.
-    minimum_branch
-        Dangling branches shorter than this are pruned.
-    minimum_length
-        Connected components with less total length than this are dropped.
-    """
-
-    high: float | None = None
-    through_junctions: bool = True
-    contraction: float = 0.0
-    maximum_gap: float = 0.0
-    maximum_angle: float = 30.0
-    direction_steps: int = 10
-    minimum_branch: float = 0.0
-    minimum_length: float = 0.0
-
-    def __post_init__(self) -> None:
-        for name in ("contraction", "maximum_gap", "minimum_branch", "minimum_length"):
-            value = getattr(self, name)
-            if not 0 <= value < np.inf:
-                raise ValueError(f"{name} must be a length of at least 0 pixels, got {value}")
-        if not 0 < self.maximum_angle < 90:
-            raise ValueError(f"maximum_angle must lie between 0 and 90 degrees, got {self.maximum_angle}")
-        if self.direction_steps < 1:
-            raise ValueError(f"direction_steps must be at least 1, got {self.direction_steps}")
+from tilepipe_kernels.network.close_gaps import close_gaps
+from tilepipe_kernels.network.fragment_table import FragmentTable
+from tilepipe_kernels.network.points import LoadTile, coordinates, gather
+from tilepipe_kernels.network.street_graph import Bool, Chains, Graph, dissolve, graph_of, join
 
 
 @dataclass(frozen=True)
@@ -112,11 +73,9 @@ class LineBatch:
     ----------
     line, start, end
         int64, shape (k,): line ids, and the node ids where they start and end.
-    offsets
-        int64, shape (k + 1,): line i owns the points ``offsets[i]`` to ``offsets[i + 1]``.
-    xy
-        float64, shape (p, 2): (x, y) in pixels from the raster's upper left corner; pixel centres are at
-        halves. The first and the last point are exactly the nodes'.
+    polylines
+        Their points (x, y), float64, in pixels from the raster's upper left corner; pixel centres are at halves.
+        The first and the last point are exactly the nodes'.
     pixel
         int64, shape (p,): global flat index of each point's pixel.
     attributes
@@ -126,8 +85,7 @@ class LineBatch:
     line: Int64
     start: Int64
     end: Int64
-    offsets: Int64
-    xy: NDArray[np.float64]
+    polylines: Polylines
     pixel: Int64
     attributes: dict[str, NDArray[np.float32]]
 
@@ -136,7 +94,7 @@ def build_network(
     tables: Sequence[FragmentTable],
     width: int,
     load_tile: LoadTile,
-    rules: NetworkRules | None = None,
+    cleaning: Cleaning | None = None,
     on_border: OnBorder = nowhere,
 ) -> Network:
     """Join fragments of all tiles to a street graph and clean it.
@@ -149,7 +107,7 @@ def build_network(
         Columns of the raster.
     load_tile
         Gives the fragments and the point attributes of a tile, by its index in ``tables``.
-    rules
+    cleaning
         What to clean; by default the lines are joined and left as they are.
     on_border
         Tells which node pixels lie on the raster's border, where lines are cut off and do not dangle.
@@ -164,23 +122,23 @@ def build_network(
     ValueError
         If fragments of some tile are missing or do not belong to their table.
     """
-    rules = rules or NetworkRules()
+    cleaning = cleaning or Cleaning()
     chains = join(tables, width)
     graph = graph_of(chains)
-    if rules.high is not None:
-        graph = dissolve(hysteresis(graph, chains.strength, rules.high, rules.through_junctions))
-    if rules.contraction > 0:
-        graph = contract(graph, rules.contraction)
-    if rules.maximum_gap > 0:
-        gap = rules.maximum_gap, rules.maximum_angle, rules.direction_steps
+    if cleaning.high is not None:
+        graph = dissolve(hysteresis(graph, chains.strength, cleaning.high, cleaning.through_junctions))
+    if cleaning.contraction > 0:
+        graph = contract(graph, cleaning.contraction)
+    if cleaning.maximum_gap > 0:
+        gap = cleaning.maximum_gap, cleaning.maximum_angle, cleaning.direction_steps
         graph = close_gaps(graph, chains, load_tile, *gap, on_border)
         # bridges make junctions of their own, two at each crossing
-        graph = contract(graph, rules.contraction) if rules.contraction > 0 else graph
-        graph = drop_twins(graph, 2 * rules.maximum_gap)
-    if rules.minimum_branch > 0:
-        graph = prune(graph, rules.minimum_branch, on_border)
-    if rules.minimum_length > 0:
-        graph = drop_short_components(graph, rules.minimum_length)
+        graph = contract(graph, cleaning.contraction) if cleaning.contraction > 0 else graph
+        graph = drop_twins(graph, 2 * cleaning.maximum_gap)
+    if cleaning.minimum_branch > 0:
+        graph = prune(graph, cleaning.minimum_branch, on_border)
+    if cleaning.minimum_length > 0:
+        graph = drop_short_components(graph, cleaning.minimum_length)
     nodes, degree, index = graph.degrees()
     xy = _node_positions(graph, chains, nodes, index, load_tile)
     return Network(index[::2] + 1, index[1::2] + 1, graph.length, nodes, xy, degree, graph, chains)
@@ -204,11 +162,11 @@ def iterate_lines(network: Network, load_tile: LoadTile, batch_points: int = 1_0
         Lines and points do not depend on the tiling nor on ``batch_points``.
     """
     graph = network.graph
-    size = np.diff(np.concatenate([[0], np.cumsum(graph.part_stop - graph.part_start)])[graph.offsets])
+    size = graph.points
     cuts = np.flatnonzero(np.diff(np.cumsum(size) // batch_points)) + 1
     for first, last in zip([0, *cuts.tolist()], [*cuts.tolist(), len(network)], strict=True):
         if last > first:
-            yield line_batch(network, load_tile, first, last, size[first:last])
+            yield line_batch(network, load_tile, first, last)
 
 
 def _node_positions(
@@ -228,15 +186,14 @@ def _node_positions(
     return xy
 
 
-def line_batch(network: Network, load_tile: LoadTile, first: int, last: int, size: Int64 | None) -> LineBatch:
-    """Lines ``first + 1`` to ``last``; ``size`` is their number of gathered points."""
+def line_batch(network: Network, load_tile: LoadTile, first: int, last: int) -> LineBatch:
+    """Lines ``first + 1`` to ``last``."""
     graph, chains = network.graph, network.chains
     parts = slice(graph.offsets[first], graph.offsets[last])
     start, stop = graph.part_start[parts], graph.part_stop[parts]
-    if size is None:
-        size = np.diff(np.concatenate([[0], np.cumsum(stop - start)])[graph.offsets[first : last + 1]])
     pixel, attributes = gather(chains, load_tile, start, stop, graph.part_backward[parts])
-    line = np.repeat(np.arange(last - first), size)
+    points = offsets_of(stop - start)[graph.offsets[first : last + 1] - graph.offsets[first]]
+    line = run_of_rows(points)
     # Parts joined at a pixel both hold it.
     distinct = _differs(pixel) | _differs(line)
     pixel, line = pixel[distinct], line[distinct]
@@ -247,7 +204,7 @@ def line_batch(network: Network, load_tile: LoadTile, first: int, last: int, siz
     xy[offsets[1:] - 1] = network.node_xy[network.end[first:last] - 1]
     named = {name: values for name, values in attributes.items() if name not in ("dx", "dy")}
     ends = network.start[first:last], network.end[first:last]
-    return LineBatch(np.arange(first, last) + 1, *ends, offsets, xy, pixel, named)
+    return LineBatch(np.arange(first, last) + 1, *ends, Polylines(offsets, xy), pixel, named)
 
 
 def _differs(values: Int64) -> Bool:

@@ -16,11 +16,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe_kernels.network.gaps import cut_parts, look_ahead, match_greedily, points_behind
+from tilepipe_kernels.core.ragged import Int64, offsets_of, reduce_runs, run_of_rows
+from tilepipe_kernels.network.chain_loops import count_steps
+from tilepipe_kernels.network.cleaning import OnBorder, nowhere
+from tilepipe_kernels.network.gap_loops import cut_parts, look_ahead, match_greedily, points_behind
 from tilepipe_kernels.network.points import LoadTile, gather, pixels_at, tiles_of_slices
-from tilepipe_kernels.network.rules import OnBorder, nowhere
-from tilepipe_kernels.network.street_graph import Bool, Chains, Graph, Int64, canonical, dissolve
-from tilepipe_kernels.network.walks import count_steps
+from tilepipe_kernels.network.street_graph import Bool, Chains, Graph, canonical, dissolve
 
 SMALLEST_CELL = 16
 BATCH_POINTS = 1_000_000
@@ -103,7 +104,7 @@ def _find_tips(graph: Graph, chains: Chains, load_tile: LoadTile, gap: float, st
     where = (row // cell + 1) * across + column // cell + 1
     order = np.lexsort((pixel, where))
     down = int(row.max()) // cell + 3 if len(row) else 3
-    cell_start = np.concatenate([[0], np.cumsum(np.bincount(where, minlength=down * across))]).astype(np.int32)
+    cell_start = offsets_of(np.bincount(where, minlength=down * across)).astype(np.int32)
     return _Tips(position[order], pixel[order], facts[order], cell, cell_start, across)
 
 
@@ -139,7 +140,7 @@ def _show_points(
     others = np.ascontiguousarray(pairs[:, 1])
     edge_of_chain = np.full(len(chains.start), -1)
     chain_of_part = np.searchsorted(chains.offsets, graph.part_start, side="right") - 1
-    edge_of_chain[chain_of_part] = np.repeat(np.arange(len(graph)), np.diff(graph.offsets))
+    edge_of_chain[chain_of_part] = run_of_rows(graph.offsets)
     edge = edge_of_chain[np.searchsorted(chains.offsets, chains.slice_position[:-1], side="right") - 1]
     count = np.diff(chains.slice_position)
     for tile, slices in tiles_of_slices(chains):
@@ -187,7 +188,7 @@ def _cut(graph: Graph, chains: Chains, load_tile: LoadTile, positions: Int64) ->
     start_node[later], end_node[later - 1] = node[cuts], node[cuts]
     whole = stop - start > 1
     # A piece without a stretch of its own chain comes after all positions and all bridges.
-    key = np.minimum.reduceat(np.where(whole, start, start + 2 * chains.offsets[-1]), offsets[:-1])
+    key = reduce_runs(np.minimum, np.where(whole, start, start + 2 * chains.offsets[-1]), offsets)
     pieces = Graph(
         start_node,
         end_node,
@@ -208,14 +209,12 @@ def _cut(graph: Graph, chains: Chains, load_tile: LoadTile, positions: Int64) ->
 def _measured(graph: Graph, chains: Chains, load_tile: LoadTile, pieces: Int64) -> Graph:
     """Count the links of ``pieces`` anew, from their pixels."""
     axial, diagonal = graph.axial.copy(), graph.diagonal.copy()
-    points = np.add.reduceat(graph.part_stop - graph.part_start, graph.offsets[:-1])[pieces]
-    for batch in np.split(pieces, np.flatnonzero(np.diff(np.cumsum(points) // BATCH_POINTS)) + 1):
+    points = graph.points
+    for batch in np.split(pieces, np.flatnonzero(np.diff(np.cumsum(points[pieces]) // BATCH_POINTS)) + 1):
         part = np.concatenate([np.arange(*graph.offsets[i : i + 2]) for i in batch] or [np.empty(0, np.int64)])
         parts = graph.part_start[part], graph.part_stop[part], graph.part_backward[part]
         pixels, _ = gather(chains, load_tile, *parts)
-        size = np.add.reduceat(graph.part_stop - graph.part_start, graph.offsets[:-1])[batch]
-        bounds = np.concatenate([[0], np.cumsum(size)])
-        axial[batch], diagonal[batch] = count_steps(pixels, bounds, chains.width)
+        axial[batch], diagonal[batch] = count_steps(pixels, offsets_of(points[batch]), chains.width)
     return replace(graph, axial=axial, diagonal=diagonal)
 
 

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tilepipe_kernels.core.compiled import loop, rule
+from tilepipe_kernels.core.ragged import Int64
 from tilepipe_kernels.network.tracing import CROSSING, RING, Fragments
 
-Int64 = NDArray[np.int64]
 HIGHEST = int(np.iinfo(np.int64).max)
 
 

@@ -7,9 +7,10 @@ from collections.abc import Callable, Iterator, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe_kernels.network.street_graph import Bool, Chains, Int64
+from tilepipe_kernels.core.ragged import Int64
+from tilepipe_kernels.network.chain_loops import copy_runs, expand_parts
+from tilepipe_kernels.network.street_graph import Bool, Chains
 from tilepipe_kernels.network.tracing import Fragments
-from tilepipe_kernels.network.walks import copy_runs, expand_parts
 
 Attributes = Mapping[str, NDArray[np.float32]]
 LoadTile = Callable[[int], tuple[Fragments, Attributes]]

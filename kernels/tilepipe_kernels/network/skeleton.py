@@ -23,11 +23,8 @@ from numpy.typing import NDArray
 from tilepipe_kernels.core.arrays import namespace, on_device
 from tilepipe_kernels.core.compiled import device_form, loop, rule
 from tilepipe_kernels.image import distance
+from tilepipe_kernels.network.neighbours import IS_REMOVABLE, IS_SIMPLE, LINKS, code_at
 
-# neighbour k of a pixel, clockwise from north-west: bit k of every neighbour mask of this module
-NEIGHBOURS: tuple[tuple[int, int], ...] = (
-    (-1, -1), (-1, 0), (-1, 1), (0, 1), (1, 1), (1, 0), (1, -1), (0, -1),
-)  # fmt: skip
 SUBFIELDS = 4
 CLEANING_SWEEPS = 4
 
@@ -169,7 +166,7 @@ def skeleton_links(skeleton: NDArray[Any]) -> NDArray[np.uint8]:
     Returns
     -------
     ndarray of uint8, shape (rows, columns)
-        Bit k is set for a link to ``NEIGHBOURS[k]``; 0 on the background and on lone pixels.
+        Bit k is set for a link to ``network.neighbours.NEIGHBOURS[k]``; 0 on the background and on lone pixels.
 
     Examples
     --------
@@ -210,60 +207,6 @@ def width_at(squared: NDArray[Any]) -> NDArray[np.float32]:
     xp = namespace(squared)
     width: NDArray[np.float32] = 2 * xp.sqrt(xp.asarray(squared, xp.float32)) - _WIDTH_BIAS
     return width
-
-
-def _neighbour_table(property_of: Any) -> NDArray[Any]:
-    """Tabulate a function of the eight neighbours, 0 or 1 in the order of `NEIGHBOURS`, by their code."""
-    return np.array([property_of(tuple(code >> k & 1 for k in range(8))) for code in range(256)], np.uint8)
-
-
-def _is_simple(neighbours: tuple[int, ...]) -> bool:
-    """Whether a pixel can go and leave 8-components and 4-holes: Yokoi's connectivity number is 1."""
-    absent = [1 - value for value in neighbours]
-    return sum(absent[k] - absent[k] * absent[(k + 1) % 8] * absent[(k + 2) % 8] for k in (1, 3, 5, 7)) == 1
-
-
-def _link_bits(neighbours: tuple[int, ...]) -> int:
-    """Neighbours linked in mixed adjacency: those at a side, and at a corner with both its sides empty."""
-    return sum(
-        neighbours[k] << k for k in range(8) if k % 2 == 1 or not (neighbours[(k - 1) % 8] or neighbours[(k + 1) % 8])
-    )
-
-
-IS_SIMPLE = _neighbour_table(_is_simple)
-# the end of a line is simple too, and must stay when lines are only to be made thin
-IS_REMOVABLE = _neighbour_table(lambda neighbours: _is_simple(neighbours) and sum(neighbours) > 1)
-LINKS = _neighbour_table(_link_bits)
-
-
-@rule
-def neighbour_code(
-    northwest: np.uint8, north: np.uint8, northeast: np.uint8, east: np.uint8, southeast: np.uint8, south: np.uint8,
-    southwest: np.uint8, west: np.uint8,
-) -> int:  # fmt: skip
-    """Bits of the neighbours present, given their states in the order of `NEIGHBOURS`."""
-    code = (
-        (northwest & 1)
-        | (north & 1) << 1
-        | (northeast & 1) << 2
-        | (east & 1) << 3
-        | (southeast & 1) << 4
-        | (south & 1) << 5
-        | (southwest & 1) << 6
-        | (west & 1) << 7
-    )
-    return code  # type: ignore[return-value]
-
-
-@loop
-def _neighbour_code(state: NDArray[np.uint8], p: int, stride: int) -> int:
-    """`neighbour_code` of a flat position p."""
-    north, south = p - stride, p + stride
-    code: int = neighbour_code(
-        state[north - 1], state[north], state[north + 1], state[p + 1], state[south + 1], state[south],
-        state[south - 1], state[p - 1],
-    )  # fmt: skip
-    return code
 
 
 @rule
@@ -369,7 +312,7 @@ def _peel(
 ) -> int:
     """Delete the pixels of one subfield that may go, append the others to `kept`, return its new length."""
     for p in pixels:
-        if deletable[_neighbour_code(state, p, stride)]:
+        if deletable[code_at(state, p, stride)]:
             state[p] = BACKGROUND
         else:
             kept[kept_count] = p
@@ -417,4 +360,4 @@ def _link(state: NDArray[np.uint8], stride: int, table: NDArray[np.uint8], links
         for j in range(columns):
             p = (i + 1) * stride + j + 1
             if state[p] != 0:
-                links[i, j] = table[_neighbour_code(state, p, stride)]
+                links[i, j] = table[code_at(state, p, stride)]

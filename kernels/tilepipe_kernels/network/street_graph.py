@@ -10,16 +10,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tilepipe_kernels.core.ragged import Int64, offsets_of, reduce_runs
+from tilepipe_kernels.network.chain_loops import rearrange, walk_chains
 from tilepipe_kernels.network.fragment_table import FragmentTable
 from tilepipe_kernels.network.tracing import CROSSING, NODE
-from tilepipe_kernels.network.walks import rearrange, walk_chains
 
-Int64 = NDArray[np.int64]
 Bool = NDArray[np.bool_]
 
 DIAGONAL = float(np.sqrt(2.0))
@@ -104,6 +103,11 @@ class Graph:
         """Length in pixels, shape (n,)."""
         return chain_length(self.axial, self.diagonal)
 
+    @property
+    def points(self) -> Int64:
+        """Number of points of each edge's parts, int64, shape (n,)."""
+        return reduce_runs(np.add, self.part_stop - self.part_start, self.offsets)
+
     def node_positions(self, count: int, index: Int64) -> Int64:
         """A canonical position of each of ``count`` nodes, from the node index of each edge end (see `degrees`)."""
         first, last = self.offsets[:-1], self.offsets[1:] - 1
@@ -166,28 +170,23 @@ def join(tables: Sequence[FragmentTable], width: int) -> Chains:
     start, start_second = _at_end(table, members[first], backward[first].astype(np.int64))
     end, end_second = _at_end(table, members[last], 1 - backward[last].astype(np.int64))
     flip = ~closed & ((start > end) | ((start == end) & (start_second > end_second)))
-    order = np.argsort(_by_group(np.minimum, table.lowest_link[members], members_of), kind="stable")
+    order = np.argsort(reduce_runs(np.minimum, table.lowest_link[members], members_of), kind="stable")
     bounds, source, turned = rearrange(members_of, order, flip[order])
     start, end = np.minimum(start, end)[order], np.maximum(start, end)[order]
     members, backward, closed = members[source], backward[source] ^ turned, closed[order]
-    lowest = _by_group(np.minimum, table.lowest_pixel[members], bounds)
+    lowest = reduce_runs(np.minimum, table.lowest_pixel[members], bounds)
     slices = _slices(table, bounds, members, backward, closed)
     return Chains(
         slices[0],
         np.where(closed, lowest, start),
         np.where(closed, lowest, end),
-        _by_group(np.add, table.axial[members], bounds),
-        _by_group(np.add, table.diagonal[members], bounds),
-        _by_group(np.maximum, table.strength[members], bounds),
+        reduce_runs(np.add, table.axial[members], bounds),
+        reduce_runs(np.add, table.diagonal[members], bounds),
+        reduce_runs(np.maximum, table.strength[members], bounds),
         *slices[1:],
         np.cumsum([0, *(int(t.count.sum()) for t in tables)]),
         width,
     )
-
-
-def _by_group(function: np.ufunc, values: NDArray[Any], offsets: Int64) -> NDArray[Any]:
-    """Reduce each group ``values[offsets[i]:offsets[i + 1]]``; no group is empty."""
-    return function.reduceat(values, offsets[:-1]) if len(values) else values
 
 
 def _mates(table: FragmentTable) -> Int64:
@@ -226,8 +225,8 @@ def _slices(
     after = bounds[1:][ring]
     source, count = np.insert(source, after, head_source), np.insert(count, after, head)
     step = np.where(np.insert(backward, after, backward[cut]), -1, 1).astype(np.int8)
-    position = np.concatenate([[0], np.cumsum(count)])
-    return position[bounds + np.concatenate([[0], np.cumsum(closed)])], position, source, step
+    position = offsets_of(count)
+    return position[bounds + offsets_of(closed)], position, source, step
 
 
 def graph_of(chains: Chains) -> Graph:
@@ -295,9 +294,9 @@ def dissolve(graph: Graph) -> Graph:
         parts,
         start=parts.start[offsets[:-1]],
         end=parts.end[last],
-        axial=_by_group(np.add, parts.axial, offsets),
-        diagonal=_by_group(np.add, parts.diagonal, offsets),
-        key=_by_group(np.minimum, parts.key, offsets),
+        axial=reduce_runs(np.add, parts.axial, offsets),
+        diagonal=reduce_runs(np.add, parts.diagonal, offsets),
+        key=reduce_runs(np.minimum, parts.key, offsets),
         offsets=parts.offsets[offsets],
     )
     return canonical(joined)

@@ -12,32 +12,17 @@ from numpy.typing import NDArray
 
 from tilepipe_kernels.core.arrays import namespace, on_device
 from tilepipe_kernels.core.compiled import device_form, inlined_rule, loop, rule
-from tilepipe_kernels.image import histogram
+from tilepipe_kernels.image.histogram import bin_values, histogram, percentile
 from tilepipe_kernels.nevatia_babu.masks import (
     MASK_RADIUS,
-    MASKS,
     NO_DIRECTION,
     NONE,
     ONE,
     OPPOSITE,
-    STEP_RESPONSE,
     ZERO,
     Directions,
     Floats,
-    edge_responses,
 )
-
-__all__ = [
-    "MASKS",
-    "NO_DIRECTION",
-    "STEP_RESPONSE",
-    "count_magnitudes",
-    "edge_responses",
-    "halo",
-    "similar",
-    "thin_edges",
-    "threshold_from_histogram",
-]
 
 Eight = tuple[np.float32, np.float32, np.float32, np.float32, np.float32, np.float32, np.float32, np.float32]
 
@@ -250,7 +235,7 @@ def count_magnitudes(magnitude: Floats, elements: Directions) -> NDArray[np.int6
     >>> bin_values(np.flatnonzero(counts)).tolist()
     [512.0, 2000.0]
     """
-    return histogram.histogram(magnitude[elements != NO_DIRECTION])
+    return histogram(magnitude[elements != NO_DIRECTION])
 
 
 def threshold_from_histogram(counts: NDArray[np.int64], share: float | None = None) -> float:
@@ -290,11 +275,11 @@ def threshold_from_histogram(counts: NDArray[np.int64], share: float | None = No
     if share is not None:
         if not 0 <= share <= 1:
             raise ValueError(f"share is {share}: give the part of the edge elements to keep, 0 to 1")
-        return histogram.percentile(counts, 100 * (1 - share))
+        return percentile(counts, 100 * (1 - share))
     filled = np.flatnonzero(counts)
     if filled.size == 0:
         raise ValueError("no edge element was counted: the raster is flat or holds no data")
-    values = histogram.bin_values(filled).astype(np.float64)
+    values = bin_values(filled).astype(np.float64)
     width = values[-1] / UNIMODAL_BINS
     places = np.minimum((values / width).astype(np.int64), UNIMODAL_BINS - 1)
     heights = np.bincount(places, counts[filled], UNIMODAL_BINS)

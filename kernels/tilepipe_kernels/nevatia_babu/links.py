@@ -1,7 +1,7 @@
 """Linking edge elements in each tile to their predecessors and successors; `nevatia_babu.tracing` walks them.
 
 Nevatia and Babu, "Linear Feature Extraction and Description", Computer Graphics and Image Processing 13, 1980,
-Section 2.3; directions as in `nevatia_babu`, neighbours numbered clockwise from north-west as in `tracing`.
+Section 2.3; directions as in `nevatia_babu.masks`, neighbours numbered clockwise from north-west.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from tilepipe_kernels.core.arrays import namespace, on_device
 from tilepipe_kernels.core.compiled import device_form, inlined_rule, loop, rule
 from tilepipe_kernels.network.tracing import BY_PIXEL, COLUMN_STEP, ROW_STEP
-from tilepipe_kernels.nevatia_babu.elements import NO_DIRECTION, edge_responses, similar, thin_edges
 from tilepipe_kernels.nevatia_babu.elements import halo as elements_halo
-from tilepipe_kernels.nevatia_babu.masks import Directions, Floats
+from tilepipe_kernels.nevatia_babu.elements import similar, thin_edges
+from tilepipe_kernels.nevatia_babu.masks import NO_DIRECTION, Directions, Floats, edge_responses
 
 NO_LINK = 255
 """Neighbour number of a link that does not exist."""
@@ -47,7 +47,7 @@ class EdgeElements:
     pixel
         int64, shape (n,): global flat index, row · width + column, of a raster of ``width`` columns.
     direction
-        uint8, shape (n,): 0 … 11, where the bright side lies, in units of 30°; see `nevatia_babu`.
+        uint8, shape (n,): 0 … 11, where the bright side lies, in units of 30°; see `nevatia_babu.masks`.
     magnitude
         float32, shape (n,): response of the strongest mask.
     links

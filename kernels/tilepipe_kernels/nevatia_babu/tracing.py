@@ -1,8 +1,8 @@
-"""Tracing boundary segments of linked edge elements: the whole raster's table at once, in one canonical order.
+"""Tracing chains of linked edge elements: the whole raster's table at once, in one canonical order.
 
 Nevatia and Babu, "Linear Feature Extraction and Description", Computer Graphics and Image Processing 13, 1980,
-Section 2.4 f.  A segment follows primary successors, so the table and not the raster is walked: 8 to 23
-bytes an element beside it.
+Section 2.4 f., where they are called boundary segments.  A chain follows primary successors, so the table and not the
+raster is walked: 8 to 23 bytes an element beside it.
 """
 
 from __future__ import annotations
@@ -14,6 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tilepipe_kernels.core.compiled import loop
+from tilepipe_kernels.core.polylines import Polylines
+from tilepipe_kernels.core.ragged import reduce_runs
 from tilepipe_kernels.network.tracing import COLUMN_STEP, ROW_STEP
 from tilepipe_kernels.nevatia_babu.links import (
     NO_LINK,
@@ -24,22 +26,21 @@ from tilepipe_kernels.nevatia_babu.links import (
     Int64,
     Links,
 )
-from tilepipe_kernels.polylines.end_point_fit import fit_lines
 
 Members = NDArray[Any]
 
 
 @dataclass(frozen=True)
-class BoundarySegments:
-    """Traced segments in the order of tracing, as flat arrays.
+class ElementChains:
+    """Traced chains in the order of tracing, as flat arrays.
 
     Attributes
     ----------
     offsets
-        int64, shape (n + 1,): segment i has ``members[offsets[i]:offsets[i + 1]]``, at least two.
+        int64, shape (n + 1,): chain i has ``members[offsets[i]:offsets[i + 1]]``, at least two.
     members
         int32 or int64, shape (m,): indices into the table of elements, bright side on the left of their order. A
-        branch starts at the element that forks; a segment that runs into a traced one ends there; a ring repeats its
+        branch starts at the element that forks; a chain that runs into a traced one ends there; a ring repeats its
         first element.
     stage
         uint8, shape (n,): 1 … 3, the stage that traced it.
@@ -52,15 +53,14 @@ class BoundarySegments:
     def __len__(self) -> int:
         return len(self.stage)
 
-    def vertices(self, elements: EdgeElements) -> NDArray[np.int32]:
-        """Pixel (row, column) of each member, int32, shape (m, 2)."""
-        return np.stack(np.divmod(elements.pixel[self.members], elements.width), axis=1).astype(np.int32)
+    def polylines(self, elements: EdgeElements) -> Polylines:
+        """The chains through the pixels (row, column) of their elements, int32."""
+        pixels = np.stack(np.divmod(elements.pixel[self.members], elements.width), axis=1).astype(np.int32)
+        return Polylines(self.offsets, pixels)
 
     def mean_magnitudes(self, elements: EdgeElements) -> NDArray[np.float64]:
-        """Mean magnitude of each segment's elements, float64, shape (n,)."""
-        if len(self) == 0:
-            return np.zeros(0)
-        sums = np.add.reduceat(elements.magnitude[self.members], self.offsets[:-1], dtype=np.float64)
+        """Mean magnitude of each chain's elements, float64, shape (n,)."""
+        sums = reduce_runs(np.add, elements.magnitude[self.members], self.offsets, dtype=np.float64)
         return np.asarray(sums / np.diff(self.offsets))
 
 
@@ -122,7 +122,7 @@ def _chains_left(primary: Members, traced: NDArray[np.bool_]) -> tuple[NDArray[n
 
 @loop
 def _close(offsets: Int64, stage: NDArray[np.uint8], count: int, cursor: int, number: int) -> tuple[int, int]:
-    """End a segment at the cursor; a lone element is none."""
+    """End a chain at the cursor; a lone element is none."""
     if cursor - offsets[count] < 2:
         return count, offsets[count]
     stage[count] = number
@@ -170,16 +170,16 @@ def _trace(
     return count
 
 
-def trace_segments(elements: EdgeElements) -> BoundarySegments:
-    """Trace boundary segments through the elements of a whole raster (Nevatia & Babu 1980).
+def trace_chains(elements: EdgeElements) -> ElementChains:
+    """Trace chains through the elements of a whole raster (Nevatia & Babu 1980).
 
-    1. Segments that start at elements without predecessor, in row-major order, and follow the primary successors,
+    1. Chains that start at elements without predecessor, in row-major order, and follow the primary successors,
        until there is none or it is traced already.
     2. Branches, which start at secondary successors that are not traced, of all elements traced so far.
     3. Whatever is left: rings first, each from its first element in row-major order, then chains from the elements
        that none of the rest leads to; the branches of both after them.
 
-    Lone elements form no segment.
+    Lone elements form no chain.
 
     Parameters
     ----------
@@ -188,7 +188,7 @@ def trace_segments(elements: EdgeElements) -> BoundarySegments:
 
     Returns
     -------
-    BoundarySegments
+    ElementChains
         In the order of tracing: the same for any tiling.
 
     Raises
@@ -198,15 +198,13 @@ def trace_segments(elements: EdgeElements) -> BoundarySegments:
 
     Examples
     --------
-    The two sides of a bright stripe are two segments, each with the stripe on its left: one runs down, the other up.
+    The two sides of a bright stripe are two chains, each with the stripe on its left: one runs down, the other up.
 
     >>> import numpy as np
     >>> from tilepipe_kernels.nevatia_babu.links import find_elements
-    >>> from tilepipe_kernels.nevatia_babu.tracing import trace_segments
+    >>> from tilepipe_kernels.nevatia_babu.tracing import trace_chains
     >>> elements = find_elements(np.tile(np.repeat([50, 200, 50], 8), (12, 1)), threshold=20_000)
-    >>> segments = trace_segments(elements)
-    >>> ends = segments.vertices(elements)[[0, segments.offsets[1] - 1, segments.offsets[1], -1]]
-    >>> ends.tolist()  # (row, column) of the first and the last element of each
+    >>> trace_chains(elements).polylines(elements).ends.tolist()  # (row, column), first and last
     [[2, 7], [9, 7], [9, 15], [2, 15]]
     """
     n = len(elements)
@@ -217,39 +215,7 @@ def trace_segments(elements: EdgeElements) -> BoundarySegments:
     if lost >= 0:
         row, column = divmod(int(elements.pixel[lost]), elements.width)
         raise ValueError(f"a link of pixel ({row}, {column}) leads to no edge element: join the tables of all tiles")
-    # A segment repeats at most two elements, those where it begins and ends; what is not used stays unmapped.
+    # A chain repeats at most two elements, those where it begins and ends; what is not used stays unmapped.
     members, offsets, stage = np.empty(3 * n + 2, index_type), np.zeros(n + 2, np.int64), np.empty(n + 1, np.uint8)
     count = _trace(elements.links, primary, secondary, members, offsets, stage)
-    return BoundarySegments(offsets[: count + 1].copy(), members[: offsets[count]].copy(), stage[:count].copy())
-
-
-def straight_lines(
-    elements: EdgeElements, segments: BoundarySegments, tolerance: float
-) -> tuple[Int64, NDArray[np.int32]]:
-    """Approximate each segment by straight lines with an iterative end-point fit, see `fit_lines`.
-
-    Parameters
-    ----------
-    elements, segments
-        Table of the raster and what `trace_segments` found in it.
-    tolerance
-        Largest distance of an element's pixel centre from the lines, in pixels, ≥ 0.
-
-    Returns
-    -------
-    offsets
-        int64, shape (n + 1,): polyline i has ``vertices[offsets[i]:offsets[i + 1]]``.
-    vertices
-        int32, shape (m, 2): pixel (row, column) of elements.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from tilepipe_kernels.nevatia_babu.links import find_elements
-    >>> from tilepipe_kernels.nevatia_babu.tracing import straight_lines, trace_segments
-    >>> elements = find_elements(np.tile(np.repeat([100, 150], 5), (20, 1)), threshold=10_000)
-    >>> offsets, vertices = straight_lines(elements, trace_segments(elements), tolerance=1.0)
-    >>> vertices.tolist()  # of sixteen elements the first and the last
-    [[2, 4], [17, 4]]
-    """
-    return fit_lines(segments.offsets, segments.vertices(elements), tolerance)
+    return ElementChains(offsets[: count + 1].copy(), members[: offsets[count]].copy(), stage[:count].copy())

@@ -1,7 +1,7 @@
-"""Lines of a line field: chains of the cracks that are edges, as far as one tile core can see them.
+"""Crack lines: polylines along the cracks that a line field marks as edges, as far as one tile core can see them.
 
 A crack is a pixel side whose line element is 1.  Corners at which other than two of them meet end a line; what is
-left are closed rings.  Pieces are traced, cut at the core's border and joined as those of arcs.py.
+left are closed rings.  Fragments are traced, cut at the core's border and joined as those of `polylines.arcs`.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tilepipe_kernels.core.compiled import loop, rule
 from tilepipe_kernels.mrf.edge_model import Field, Floats, checked_observed
-from tilepipe_kernels.polylines.arcs import Core, Corners, Pieces, trace_cracks
+from tilepipe_kernels.polylines.cracks import Core, Corners, CrackFragments, trace_cracks
 
 TICKS = 1 << 12
 """Ticks per grey level, in which differences of grey are summed: integers have the same sum in any order."""
@@ -22,8 +22,8 @@ _LARGEST = np.float64(2**40)
 
 
 @dataclass(frozen=True)
-class LinePieces(Pieces):
-    """The pieces of the lines of one tile core.
+class CrackLineFragments(CrackFragments):
+    """The fragments of crack lines of one tile core.
 
     Attributes
     ----------
@@ -69,33 +69,33 @@ def ticks_between(a: np.float32, b: np.float32) -> np.int64:
 def _contrasts(
     grey: Floats, origin: tuple[int, int], offsets: NDArray[np.int64], vertices: NDArray[np.int32]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Sums of the absolute and of the signed differences of grey across the cracks of each piece."""
+    """Sums of the absolute and of the signed differences of grey across the cracks of each fragment."""
     contrast, step = np.zeros(len(offsets) - 1, np.int64), np.zeros(len(offsets) - 1, np.int64)
-    for piece in range(step.size):
-        for k in range(offsets[piece], offsets[piece + 1] - 1):
+    for fragment in range(step.size):
+        for k in range(offsets[fragment], offsets[fragment + 1] - 1):
             i, j = vertices[k, 0] - origin[0], vertices[k, 1] - origin[1]
             last_i, last_j = vertices[k + 1, 0] - origin[0], vertices[k + 1, 1] - origin[1]
             for row in range(min(i, last_i), max(i, last_i)):
                 ticks = ticks_between(grey[row + 1, j + 1], grey[row + 1, j])  # what is right lies left of going down
-                contrast[piece] += abs(ticks)
-                step[piece] += ticks if last_i > i else -ticks
+                contrast[fragment] += abs(ticks)
+                step[fragment] += ticks if last_i > i else -ticks
             for column in range(min(j, last_j), max(j, last_j)):
                 ticks = ticks_between(grey[i, column + 1], grey[i + 1, column + 1])
-                contrast[piece] += abs(ticks)
-                step[piece] += ticks if last_j > j else -ticks
+                contrast[fragment] += abs(ticks)
+                step[fragment] += ticks if last_j > j else -ticks
     return contrast, step
 
 
-def trace_lines(
+def trace_crack_lines(
     horizontal: Field,
     vertical: Field,
     observed: ArrayLike,
     core: tuple[int, int, int, int] | None = None,
     origin: tuple[int, int] = (0, 0),
-) -> LinePieces:
-    """Trace the lines of a tile core along its edges.
+) -> CrackLineFragments:
+    """Trace the crack lines of a tile core.
 
-    The tile owns the upper and left sides of its core's pixels.  So the pieces of all tiles hold every edge once.
+    The tile owns the upper and left sides of its core's pixels.  So the fragments of all tiles hold every edge once.
 
     Parameters
     ----------
@@ -112,8 +112,8 @@ def trace_lines(
 
     Returns
     -------
-    LinePieces
-        Pieces that end somewhere, in row-major order of their first corner, which is the lower of the two; then the
+    CrackLineFragments
+        Fragments that end somewhere, in row-major order of their first corner, which is the lower of the two; then the
         rings, which start and end at their lowest corner and go down first.  Vertices are corners: (row, column) is
         the upper left corner of that pixel.
 
@@ -128,10 +128,10 @@ def trace_lines(
     An edge of three pixels between grey 100 and grey 150.
 
     >>> import numpy as np
-    >>> from tilepipe_kernels.polylines.crack_lines import trace_lines
+    >>> from tilepipe_kernels.polylines.crack_lines import trace_crack_lines
     >>> grey = np.repeat([[100.0, 100.0, 150.0, 150.0]], 3, axis=0)
     >>> vertical = np.repeat(np.array([[0, 1, 0, 0]], np.uint8), 3, axis=0)
-    >>> trace_lines(np.zeros_like(vertical), vertical, grey).vertices.tolist()  # corners of pixels
+    >>> trace_crack_lines(np.zeros_like(vertical), vertical, grey).vertices.tolist()  # corners of pixels
     [[0, 2], [3, 2]]
     """
     grey = checked_observed(observed)
@@ -144,4 +144,4 @@ def trace_lines(
     first = origin[0] + window.top, origin[1] + window.left
     corners = _cracks_of_elements(window.framed(horizontal), window.framed(vertical))
     offsets, vertices, cut = trace_cracks(corners, *window.corners, first)
-    return LinePieces(offsets, vertices, cut, *_contrasts(window.framed(grey), first, offsets, vertices))
+    return CrackLineFragments(offsets, vertices, cut, *_contrasts(window.framed(grey), first, offsets, vertices))

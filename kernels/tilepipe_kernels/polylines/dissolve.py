@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -37,7 +39,4 @@ def dissolved(arcs: Arcs, group: NDArray[np.uint32]) -> Arcs:
     (6, 5)
     """
     left, right = group[arcs.left], group[arcs.right]
-    parting = left != right
-    sizes = np.diff(arcs.offsets)
-    offsets = np.concatenate([[0], np.cumsum(sizes[parting])]).astype(np.int64)
-    return Arcs(offsets, arcs.vertices[np.repeat(parting, sizes)], left[parting], right[parting])
+    return replace(arcs, left=left, right=right).taken(left != right)

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tilepipe_kernels.core.compiled import loop, rule
+from tilepipe_kernels.core.polylines import Polylines
+from tilepipe_kernels.core.ragged import Int64
 
-Int64 = NDArray[np.int64]
+Some = TypeVar("Some", bound=Polylines)
 
 
 @rule
@@ -52,25 +54,24 @@ def keep_vertices(
     width: float,
     kept: NDArray[np.bool_],
 ) -> None:
-    """Say for the lines to redo which vertices are kept: ends always, and those farther off than the tolerance.
+    """Say for the polylines to redo which vertices are kept: ends always, and those farther off than the tolerance.
 
     Parameters
     ----------
     redo
-        int64: numbers of the lines.
+        int64: numbers of the polylines.
     offsets, vertices
-        Line i has ``vertices[offsets[i]:offsets[i + 1]]``, rows of (row, column), at least two; a closed line repeats
-        its first one, and keeps three corners at least.
+        Of `Polylines`, with vertices (row, column); a closed one keeps three corners at least.
     tolerances
-        Per line, in the unit of ``height`` and ``width``; 0 keeps all.
+        Per polyline, in the unit of ``height`` and ``width``; 0 keeps all.
     height, width
         Size of a pixel.
     kept
-        Per vertex, changed in place for the lines to redo.
+        Per vertex, changed in place for the polylines to redo.
     """
-    for line in redo:
-        first, last = offsets[line], offsets[line + 1] - 1
-        limit = tolerances[line] ** 2
+    for polyline in redo:
+        first, last = offsets[polyline], offsets[polyline + 1] - 1
+        limit = tolerances[polyline] ** 2
         kept[first : last + 1] = limit == 0
         if limit == 0 or last == first + 1:
             kept[first] = kept[last] = True
@@ -78,7 +79,7 @@ def keep_vertices(
         kept[first] = kept[last] = True
         todo = [(first, last)]
         if vertices[first, 0] == vertices[last, 0] and vertices[first, 1] == vertices[last, 1]:
-            # A closed line has no chord: its farthest corner gives one, and the corners farthest from that an area.
+            # A closed polyline has no chord: its farthest corner gives one, and the corners farthest from that an area.
             middle, _ = _farthest(vertices, first, last, first, last, height, width)
             one, distance = _farthest(vertices, first, middle, first, middle, height, width)
             other, opposite = _farthest(vertices, middle, last, middle, last, height, width)
@@ -100,49 +101,45 @@ def keep_vertices(
                 todo.append((k, end))
 
 
-def fit_lines(
-    offsets: Int64, vertices: NDArray[Any], tolerance: float, pixel_height: float = 1.0, pixel_width: float = 1.0
-) -> tuple[Int64, NDArray[Any]]:
-    """Approximate polylines by straight lines between some of their vertices.
+def fit_polylines(polylines: Some, tolerance: float, pixel_height: float = 1.0, pixel_width: float = 1.0) -> Some:
+    """Approximate polylines by segments between some of their vertices.
 
     Parameters
     ----------
-    offsets
-        int64, shape (n + 1,): line i has ``vertices[offsets[i]:offsets[i + 1]]``, at least two of them.
-    vertices
-        Shape (m, 2): (row, column) of any real dtype; a closed line repeats its first one.
+    polylines
+        With vertices (row, column).
     tolerance
-        Largest distance between a dropped vertex and the straight line that replaces it, in the unit of the pixel
+        Largest distance between a dropped vertex and the segment that replaces it, in the unit of the pixel
         sizes, ≥ 0.
     pixel_height, pixel_width
         Size of a pixel, > 0.
 
     Returns
     -------
-    offsets, vertices
-        The same lines in the same order, with a part of their vertices.
+    Polylines
+        The same in the same order, with a part of their vertices.
 
     Raises
     ------
     ValueError
-        For a tolerance < 0, pixel sizes that are not > 0, or a line of fewer than two vertices.
+        For a tolerance < 0, pixel sizes that are not > 0, or a polyline of fewer than two vertices.
 
     Examples
     --------
     A line with a jog of one pixel and a corner of five.
 
     >>> import numpy as np
-    >>> from tilepipe_kernels.polylines.end_point_fit import fit_lines
-    >>> line = np.array([[0, 0], [0, 5], [1, 5], [1, 10], [6, 10]])
-    >>> fit_lines(np.array([0, 5]), line, tolerance=1.5)[1].tolist()
+    >>> from tilepipe_kernels.core.polylines import Polylines
+    >>> from tilepipe_kernels.polylines.end_point_fit import fit_polylines
+    >>> line = Polylines(np.array([0, 5]), np.array([[0, 0], [0, 5], [1, 5], [1, 10], [6, 10]]))
+    >>> fit_polylines(line, tolerance=1.5).vertices.tolist()
     [[0, 0], [1, 10], [6, 10]]
     """
     if not (np.isfinite(tolerance) and tolerance >= 0 and pixel_height > 0 and pixel_width > 0):
         raise ValueError(f"tolerance ({tolerance}) must be ≥ 0 and pixel sizes > 0: give them in the same unit")
-    if (np.diff(offsets) < 2).any():
-        raise ValueError("a line has fewer than two vertices: leave it out")
-    count = len(offsets) - 1
-    kept = np.ones(len(vertices), np.bool_)
-    tolerances = np.full(count, float(tolerance))
-    keep_vertices(np.arange(count), offsets, vertices, tolerances, float(pixel_height), float(pixel_width), kept)
-    return np.concatenate([[0], np.cumsum(kept)])[offsets], vertices[kept]
+    if (polylines.sizes < 2).any():
+        raise ValueError("a polyline has fewer than two vertices: leave it out")
+    all_of_them, sizes = np.arange(len(polylines)), (float(pixel_height), float(pixel_width))
+    kept, tolerances = np.ones(len(polylines.vertices), np.bool_), np.full(len(polylines), float(tolerance))
+    keep_vertices(all_of_them, polylines.offsets, polylines.vertices, tolerances, *sizes, kept)
+    return polylines.with_vertices(kept)

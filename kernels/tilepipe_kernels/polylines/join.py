@@ -1,56 +1,32 @@
-"""Arcs and lines of a whole raster, joined from the pieces that the tiles have traced."""
+"""Arcs and crack lines of a whole raster, joined from the fragments that the tiles have traced."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tilepipe_kernels.core.compiled import loop
-from tilepipe_kernels.network.walks import walk_chains
-from tilepipe_kernels.polylines.arcs import ArcPieces, Labels, Pieces, heading_of
-from tilepipe_kernels.polylines.crack_lines import LinePieces
+from tilepipe_kernels.core.polylines import Polylines, Vertices
+from tilepipe_kernels.core.ragged import Int64, reduce_runs, take_runs
+from tilepipe_kernels.network.chain_loops import walk_chains
+from tilepipe_kernels.polylines.arcs import ArcFragments, Labels
+from tilepipe_kernels.polylines.crack_lines import CrackLineFragments
+from tilepipe_kernels.polylines.cracks import CrackFragments, heading_of
 
-Int64 = NDArray[np.int64]
-Vertices = NDArray[Any]
-"""int32 on the corners of pixels, float64 once arcs are regularised."""
-
-
-@dataclass(frozen=True)
-class Chains:
-    """Chains of the cracks of a raster, sorted by (first row, first column, first heading), as flat arrays.
-
-    Of the two ways to read a chain it is the one that comes first in that order, headings in the order down, right,
-    up, left; a ring starts at its lowest corner, so what it surrounds is on its left.
-
-    Attributes
-    ----------
-    offsets
-        int64, shape (n + 1,): chain i has ``vertices[offsets[i]:offsets[i + 1]]``.
-    vertices
-        int32, shape (m, 2): (row, column) of corners; a ring repeats its first one.
-    """
-
-    offsets: Int64
-    vertices: Vertices
-
-    def __len__(self) -> int:
-        return len(self.offsets) - 1
-
-    def lengths(self, pixel_height: float = 1.0, pixel_width: float = 1.0) -> NDArray[np.float64]:
-        """Length of each chain as a polyline, float64, in the unit of the pixel sizes."""
-        steps = np.abs(np.diff(self.vertices, axis=0, prepend=self.vertices[:1]).astype(np.float64))
-        steps = np.hypot(steps[:, 0] * pixel_height, steps[:, 1] * pixel_width)
-        steps[self.offsets[:-1]] = 0
-        return np.add.reduceat(steps, self.offsets[:-1]) if len(self) else steps
+Some = TypeVar("Some", bound=CrackFragments)
 
 
 @dataclass(frozen=True)
-class Arcs(Chains):
-    """All arcs of a raster.
+class Arcs(Polylines):
+    """All arcs of a raster, sorted by (first row, first column, first heading).
+
+    Of the two ways to read an arc it is the one that comes first in that order, headings in the order down, right, up,
+    left; a ring starts at its lowest corner, so what it surrounds is on its left. Vertices are (row, column): int32 on
+    the corners of pixels, float64 once arcs are regularised.
 
     Attributes
     ----------
@@ -63,8 +39,8 @@ class Arcs(Chains):
 
 
 @dataclass(frozen=True)
-class Lines(Chains):
-    """All lines of a line field.
+class CrackLines(Polylines):
+    """All crack lines of a raster, read and sorted as `Arcs` are.
 
     Attributes
     ----------
@@ -78,30 +54,12 @@ class Lines(Chains):
     step: Int64
 
 
-def taken(offsets: Int64, vertices: NDArray[Any], kept: NDArray[np.bool_]) -> tuple[Int64, NDArray[Any]]:
-    """Those of the chains that are kept: their offsets and vertices."""
-    sizes = np.diff(offsets)
-    return np.concatenate([[0], np.cumsum(sizes[kept])]), vertices[np.repeat(kept, sizes)]
-
-
-def end_points(offsets: Int64, vertices: Vertices) -> Vertices:
-    """First and last vertex of each chain, one after the other: shape (2 n, 2)."""
-    return vertices[np.stack([offsets[:-1], offsets[1:] - 1], axis=1).reshape(-1)]
-
-
-def place_numbers(points: Vertices) -> Int64:
-    """One number for the (row, column) of each point, both whole numbers from 0 to 2³¹, in that order."""
-    whole = points.astype(np.int64)
-    numbers: Int64 = whole[:, 0] << 32 | whole[:, 1]
-    return numbers
-
-
-def join_arcs(pieces: Iterable[ArcPieces]) -> Arcs:
-    """Join the pieces of the arcs of all tiles of a raster.
+def join_arcs(fragments: Iterable[ArcFragments]) -> Arcs:
+    """Join the fragments of the arcs of all tiles of a raster.
 
     Parameters
     ----------
-    pieces
+    fragments
         What ``trace_arcs`` returned for each tile of the grid, in any order.
 
     Returns
@@ -112,7 +70,7 @@ def join_arcs(pieces: Iterable[ArcPieces]) -> Arcs:
     Raises
     ------
     ValueError
-        If a cut piece does not go on in any other: a tile is missing, doubled, or was traced without its halo.
+        If a cut fragment does not go on in any other: a tile is missing, doubled, or was traced without its halo.
 
     Examples
     --------
@@ -128,26 +86,32 @@ def join_arcs(pieces: Iterable[ArcPieces]) -> Arcs:
     >>> bool((arcs.vertices == whole.vertices).all()), arcs.lengths().tolist()
     (True, [14.0, 6.0])
     """
-    parts = list(pieces)
+    parts = ArcFragments.concatenated(_some(fragments))
     joined = _joined(parts)
-    left, right = (np.concatenate([getattr(part, side) for part in parts]) for side in ("left", "right"))
     first, turned = joined.members[joined.bounds[:-1]], joined.backward[joined.bounds[:-1]]
-    left, right = left[first], right[first]
+    left, right = parts.left[first], parts.right[first]
     return Arcs(joined.offsets, joined.vertices, np.where(turned, right, left), np.where(turned, left, right))
 
 
-def join_lines(pieces: Iterable[LinePieces]) -> Lines:
-    """Join the pieces of the lines of all tiles of a raster; arguments and errors as `join_arcs`."""
-    parts = list(pieces)
+def join_crack_lines(fragments: Iterable[CrackLineFragments]) -> CrackLines:
+    """Join the fragments of the crack lines of all tiles of a raster; arguments and errors as `join_arcs`."""
+    parts = CrackLineFragments.concatenated(_some(fragments))
     joined = _joined(parts)
-    contrast, step = (np.concatenate([getattr(part, name) for part in parts]) for name in ("contrast", "step"))
-    contrast, step = contrast[joined.members], np.where(joined.backward, -1, 1) * step[joined.members]
-    sums = (np.add.reduceat(values, joined.bounds[:-1]) if values.size else values for values in (contrast, step))
-    return Lines(joined.offsets, joined.vertices, *sums)
+    contrast = parts.contrast[joined.members]
+    step = np.where(joined.backward, -1, 1) * parts.step[joined.members]
+    sums = (reduce_runs(np.add, values, joined.bounds) for values in (contrast, step))
+    return CrackLines(joined.offsets, joined.vertices, *sums)
+
+
+def _some(fragments: Iterable[Some]) -> list[Some]:
+    parts = list(fragments)
+    if not parts:
+        raise ValueError("there are no fragments to join: trace at least one tile")
+    return parts
 
 
 class _Joined(NamedTuple):
-    """Whole chains: chain i is of the pieces ``members[bounds[i]:bounds[i + 1]]``, some of which it reads backward."""
+    """Whole polylines: i is of the fragments ``members[bounds[i]:bounds[i + 1]]``, some of which it reads backward."""
 
     offsets: Int64
     vertices: Vertices
@@ -156,22 +120,18 @@ class _Joined(NamedTuple):
     backward: NDArray[np.bool_]
 
 
-def _joined(parts: Sequence[Pieces]) -> _Joined:
-    """Whole chains in canonical direction and order; a piece that is not cut has the direction from its tile."""
-    if not parts:
-        raise ValueError("there are no pieces of arcs to join: trace at least one tile")
-    offsets = np.concatenate([[0], np.cumsum(np.concatenate([np.diff(part.offsets) for part in parts]))])
-    vertices = np.concatenate([part.vertices for part in parts])
-    cut = np.concatenate([part.cut for part in parts])
-    of_several = cut.any(axis=1)
+def _joined(fragments: CrackFragments) -> _Joined:
+    """Whole polylines in canonical direction and order; a fragment not cut has the direction from its tile."""
+    offsets, vertices = fragments.offsets, fragments.vertices
+    of_several = fragments.cut.any(axis=1)
     alone, split = np.flatnonzero(~of_several), np.flatnonzero(of_several)
     whole = _Joined(
-        *_gather(alone, offsets, vertices), np.arange(alone.size + 1), alone, np.zeros(alone.size, np.bool_)
+        *take_runs(alone, offsets, vertices), np.arange(alone.size + 1), alone, np.zeros(alone.size, np.bool_)
     )
     if split.size == 0:
         return _sorted(whole)
-    offsets, vertices = _gather(split, offsets, vertices)
-    mates = _mates(offsets, vertices, cut[split])
+    offsets, vertices = take_runs(split, offsets, vertices)
+    mates = _mates(offsets, vertices, fragments.cut[split])
     bounds, members, backward, closed = walk_chains(mates, np.zeros_like(mates))
     joined, corners, turned = _join(bounds, members, backward, closed, offsets, vertices)
     return _sorted(
@@ -185,14 +145,15 @@ def _joined(parts: Sequence[Pieces]) -> _Joined:
     )
 
 
-def _sorted(chains: _Joined) -> _Joined:
-    order = np.argsort(_sort_keys(chains.offsets, chains.vertices), kind="stable")
-    bounds, pieces = _gather(order, chains.bounds, np.stack([chains.members, chains.backward], axis=1))
-    return _Joined(*_gather(order, chains.offsets, chains.vertices), bounds, pieces[:, 0], pieces[:, 1] != 0)
+def _sorted(joined: _Joined) -> _Joined:
+    order = np.argsort(_sort_keys(joined.offsets, joined.vertices), kind="stable")
+    bounds, members = take_runs(order, joined.bounds, joined.members)
+    _, backward = take_runs(order, joined.bounds, joined.backward)
+    return _Joined(*take_runs(order, joined.offsets, joined.vertices), bounds, members, backward)
 
 
 def _mates(offsets: Int64, vertices: Vertices, cut: NDArray[np.bool_]) -> Int64:
-    """For each end of a piece (2 i its first, 2 i + 1 its last) the end at which the arc goes on, or -1."""
+    """For each end of a fragment (2 i its first, 2 i + 1 its last) the end at which the arc goes on, or -1."""
     mates = np.full(cut.size, -1, np.int64)
     ends = np.flatnonzero(cut)
     at = vertices[np.where(ends & 1, offsets[(ends >> 1) + 1] - 1, offsets[ends >> 1])]
@@ -200,15 +161,15 @@ def _mates(offsets: Int64, vertices: Vertices, cut: NDArray[np.bool_]) -> Int64:
     ends, at = ends[order], at[order]
     paired = ends.size % 2 == 0 and bool(np.array_equal(at[::2], at[1::2]))
     if not paired or (at[2::2] == at[1:-1:2]).all(axis=1).any():
-        raise ValueError("pieces of arcs do not meet at the seams: trace every tile once, with its halo of one pixel")
+        raise ValueError("fragments do not meet at the seams: trace every tile once, with its halo of one pixel")
     mates[ends[::2]], mates[ends[1::2]] = ends[1::2], ends[::2]
     return mates
 
 
 @loop
-def _starts_later(chain: Vertices) -> bool:
-    """Whether an arc reads better from its end: by row and column of the corner, then by heading."""
-    a, b, y, z = chain[0], chain[1], chain[-2], chain[-1]
+def _starts_later(polyline: Vertices) -> bool:
+    """Whether a polyline reads better from its end: by row and column of the corner, then by heading."""
+    a, b, y, z = polyline[0], polyline[1], polyline[-2], polyline[-1]
     first = a[0], a[1], heading_of(a[0], a[1], b[0], b[1])
     return (z[0], z[1], heading_of(z[0], z[1], y[0], y[1])) < first
 
@@ -233,21 +194,21 @@ def _from_lowest(ring: Vertices) -> int:
 
 @loop
 def _join(
-    chains: Int64,
+    runs: Int64,
     members: Int64,
     backward: NDArray[np.bool_],
     closed: NDArray[np.bool_],
     offsets: Int64,
     vertices: Vertices,
 ) -> tuple[Int64, Vertices, NDArray[np.bool_]]:
-    """Concatenate the pieces of each chain without the corners where they were cut, in canonical direction."""
+    """Concatenate the fragments of each polyline without the corners where they were cut, in canonical direction."""
     joined = np.empty_like(vertices)
-    bounds = np.zeros(len(chains), np.int64)
-    turned = np.zeros(len(chains) - 1, np.bool_)
+    bounds = np.zeros(len(runs), np.int64)
+    turned = np.zeros(len(runs) - 1, np.bool_)
     cursor = 0
-    for c in range(len(chains) - 1):
+    for c in range(len(runs) - 1):
         start = cursor
-        for k in range(chains[c], chains[c + 1]):
+        for k in range(runs[c], runs[c + 1]):
             first, last = offsets[members[k]], offsets[members[k] + 1] - 1
             step = -1 if backward[k] else 1
             at = last if backward[k] else first
@@ -278,17 +239,3 @@ def _sort_keys(offsets: Int64, vertices: Vertices) -> Int64:
         a, b = vertices[offsets[i]], vertices[offsets[i] + 1]
         keys[i] = np.int64(a[0]) << 33 | np.int64(a[1]) << 2 | heading_of(a[0], a[1], b[0], b[1])
     return keys
-
-
-@loop
-def _gather(order: Int64, offsets: Int64, rows: NDArray[Any]) -> tuple[Int64, NDArray[Any]]:
-    """The rows of some runs, and their offsets."""
-    bounds = np.zeros(len(order) + 1, np.int64)
-    for i, run in enumerate(order):
-        bounds[i + 1] = bounds[i] + offsets[run + 1] - offsets[run]
-    gathered = np.empty((bounds[-1], rows.shape[1]), rows.dtype)
-    for i, run in enumerate(order):
-        for k in range(offsets[run + 1] - offsets[run]):
-            for column in range(rows.shape[1]):
-                gathered[bounds[i] + k, column] = rows[offsets[run] + k, column]
-    return bounds, gathered

@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tilepipe_kernels.core.compiled import loop, rule
+from tilepipe_kernels.core.polylines import Polylines
+from tilepipe_kernels.core.ragged import Int64, offsets_of
 
 _CELL = 1.25
 """Side of the cells by which samples near a ray are found, in steps of the sampling."""
@@ -31,7 +33,6 @@ _SAME_WIDTH = 0.2
 LEFT, RIGHT = 0, 1
 
 Float64 = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 
 
 class Samples(NamedTuple):
@@ -78,15 +79,13 @@ def _sample(
             passed += part
 
 
-def sample_lines(offsets: Int64, vertices: Float64, step: float) -> Samples:
+def sample_lines(lines: Polylines, step: float) -> Samples:
     """Points in the middle of even parts of each line, about `step` long.
 
     Parameters
     ----------
-    offsets
-        int64 (n + 1,): line i has ``vertices[offsets[i]:offsets[i + 1]]``.
-    vertices
-        float64 (m, 2): row and column, in whatever unit; no line has the length 0.
+    lines
+        With vertices (row, column) in whatever unit; no line has the length 0.
     step
         Length of a part, in that unit.
 
@@ -97,20 +96,18 @@ def sample_lines(offsets: Int64, vertices: Float64, step: float) -> Samples:
     Examples
     --------
     >>> import numpy as np
+    >>> from tilepipe_kernels.core.polylines import Polylines
     >>> from tilepipe_kernels.polylines.parallel_lines import sample_lines
-    >>> samples = sample_lines(np.array([0, 2]), np.array([[0.0, 0.0], [0.0, 4.0]]), step=2.0)
+    >>> samples = sample_lines(Polylines(np.array([0, 2]), np.array([[0.0, 0.0], [0.0, 4.0]])), step=2.0)
     >>> samples.points.tolist(), samples.directions[0].tolist()
     ([[0.0, 1.0], [0.0, 3.0]], [0.0, 1.0])
     """
     if not step > 0:
         raise ValueError(f"step must be more than 0, not {step}")
-    legs = np.hypot(*np.diff(vertices, axis=0, prepend=vertices[:1]).T)
-    legs[offsets[:-1]] = 0
-    lengths = np.add.reduceat(legs, offsets[:-1]) if offsets.size > 1 else np.empty(0)
-    starts = np.concatenate([[0], np.cumsum(np.maximum(1, np.rint(lengths / step).astype(np.int64)))])
+    starts = offsets_of(np.maximum(1, np.rint(lines.lengths() / step).astype(np.int64)))
     total = int(starts[-1])
     samples = Samples(np.empty((total, 2)), np.empty((total, 2)), np.zeros(total, np.int64))
-    _sample(offsets, np.ascontiguousarray(vertices, np.float64), step, *samples, starts)
+    _sample(lines.offsets, np.ascontiguousarray(lines.vertices, np.float64), step, *samples, starts)
     return samples
 
 
@@ -215,9 +212,10 @@ def opposite_samples(
     Two borders 8 apart, the image dark between them.
 
     >>> import numpy as np
+    >>> from tilepipe_kernels.core.polylines import Polylines
     >>> from tilepipe_kernels.polylines.parallel_lines import LEFT, RIGHT, opposite_samples, sample_lines
     >>> vertices = np.array([[0.0, 0.0], [0.0, 20.0], [8.0, 0.0], [8.0, 20.0]])
-    >>> samples = sample_lines(np.array([0, 2, 4]), vertices, step=2.0)
+    >>> samples = sample_lines(Polylines(np.array([0, 2, 4]), vertices), step=2.0)
     >>> darker = np.array([RIGHT, LEFT], np.int8)
     >>> found = opposite_samples(samples, darker, step=2.0, least=5.0, most=15.0, angle=20.0)
     >>> np.unique(found.width[found.seen >= 0]).tolist(), int((found.seen >= 0).sum())
@@ -234,7 +232,7 @@ def opposite_samples(
     rows, columns = (int(size) + 1 for size in cells.max(axis=0))
     flat = cells[:, 0] * columns + cells[:, 1]
     members = np.argsort(flat, kind="stable")
-    starts = np.concatenate([[0], np.cumsum(np.bincount(flat, minlength=rows * columns))])
+    starts = offsets_of(np.bincount(flat, minlength=rows * columns))
     sides, cosine = np.asarray(darker, np.int8), math.cos(math.radians(angle))
 
     def look(first: int) -> None:

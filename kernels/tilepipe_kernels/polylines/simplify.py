@@ -1,13 +1,18 @@
-"""Arcs simplified one by one, without one coming into conflict with another."""
+"""Polylines simplified one by one, without one coming into conflict with another."""
 
 from __future__ import annotations
+
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tilepipe_kernels.core.compiled import loop, rule
+from tilepipe_kernels.core.polylines import Polylines, Vertices
+from tilepipe_kernels.core.ragged import Int64
 from tilepipe_kernels.polylines.end_point_fit import keep_vertices
-from tilepipe_kernels.polylines.join import Arcs, Chains, Int64, Vertices
+
+Some = TypeVar("Some", bound=Polylines)
 
 CELL = 16
 """Pixels on a side of the cells by which segments that may meet are found."""
@@ -15,27 +20,27 @@ HALVINGS = 3
 """How often the tolerance of an arc in conflict is halved before the arc stays as it is."""
 
 
-def simplify_chains(
-    chains: Chains,
+def simplify_polylines(
+    polylines: Some,
     tolerance: float | NDArray[np.float64],
     pixel_height: float = 1.0,
     pixel_width: float = 1.0,
     cell: int = CELL,
-) -> Chains:
-    """Simplify each chain by itself (Douglas & Peucker 1973), with its two ends fixed, so that the topology stays.
+) -> Some:
+    """Simplify each polyline by itself (Douglas & Peucker 1973), with its two ends fixed, so that the topology stays.
 
-    Chains that come into conflict are simplified again with half their tolerance, at last not at all. A conflict is a
-    new segment that meets another segment elsewhere than in a common vertex, or that passes an end of a chain or a
-    kept corner of a closed one; both are decided exactly, in integers. Without conflict no region collapses, none
-    overlaps another, and holes stay where they are. A closed chain keeps three corners at least.
+    Polylines that come into conflict are simplified again with half their tolerance, at last not at all. A conflict is
+    a new segment that meets another segment elsewhere than in a common vertex, or that passes an end of a polyline or
+    a kept corner of a closed one; both are decided exactly, in integers. Without conflict no region collapses, none
+    overlaps another, and holes stay where they are. A closed polyline keeps three corners at least.
 
     Parameters
     ----------
-    chains
-        Chains with integer vertices that meet at their ends only, such as those along the cracks of a raster.
+    polylines
+        With integer vertices (row, column), that meet at their ends only, such as those along the cracks of a raster.
     tolerance
         Largest distance between a removed corner and the segment that replaces it, in the unit of the pixel sizes,
-        for all chains or for each. A diagonal staircase becomes a line from 0.71 pixels on.
+        for all polylines or for each. A diagonal staircase becomes a line from 0.71 pixels on.
     pixel_height, pixel_width
         Size of a step of the vertices, > 0.
     cell
@@ -43,8 +48,8 @@ def simplify_chains(
 
     Returns
     -------
-    Chains
-        The same chains in the same order, with a part of their vertices.
+    Polylines
+        The same in the same order, with a part of their vertices.
 
     Raises
     ------
@@ -56,49 +61,28 @@ def simplify_chains(
     The stairs of a diagonal border become one line.
 
     >>> import numpy as np
-    >>> from tilepipe_kernels.polylines.join import Chains
-    >>> from tilepipe_kernels.polylines.simplify import simplify_chains
+    >>> from tilepipe_kernels.core.polylines import Polylines
+    >>> from tilepipe_kernels.polylines.simplify import simplify_polylines
     >>> stairs = np.repeat(np.arange(8), 2)
     >>> vertices = np.stack([stairs[:-1], stairs[1:]], axis=1).astype(np.int32)
-    >>> simplify_chains(Chains(np.array([0, 15]), vertices), tolerance=0.75).vertices.tolist()
+    >>> simplify_polylines(Polylines(np.array([0, 15]), vertices), tolerance=0.75).vertices.tolist()
     [[0, 0], [7, 7]]
     """
-    tolerances = np.array(np.broadcast_to(tolerance, len(chains)), np.float64)
+    tolerances = np.array(np.broadcast_to(tolerance, len(polylines)), np.float64)
     if not (np.isfinite(tolerance).all() and np.all(tolerances >= 0) and pixel_height > 0 and pixel_width > 0):
         raise ValueError(f"tolerance ({tolerance}) must be ≥ 0 and pixel sizes > 0: give them in the same unit")
     least = tolerances / 2**HALVINGS
-    kept = np.ones(len(chains.vertices), np.bool_)
+    kept = np.ones(len(polylines.vertices), np.bool_)
     redo = np.flatnonzero(tolerances > 0)
     reach = tolerances.max(initial=0) / min(pixel_height, pixel_width) + 1
     again = False
     while redo.size:
-        keep_vertices(redo, chains.offsets, chains.vertices, tolerances, pixel_height, pixel_width, kept)
-        redo = np.flatnonzero(_conflicts(chains.offsets, chains.vertices, kept, redo, again, reach, cell))
+        keep_vertices(redo, polylines.offsets, polylines.vertices, tolerances, pixel_height, pixel_width, kept)
+        redo = np.flatnonzero(_conflicts(polylines.offsets, polylines.vertices, kept, redo, again, reach, cell))
         again = True
         tolerances[redo] /= 2
         tolerances[tolerances < least] = 0
-    offsets = np.concatenate([[0], np.cumsum(kept)])[chains.offsets]
-    return Chains(offsets, chains.vertices[kept])
-
-
-def simplify_arcs(
-    arcs: Arcs, tolerance: float | NDArray[np.float64], pixel_height: float = 1.0, pixel_width: float = 1.0
-) -> Arcs:
-    """Simplify arcs and keep what lies on their sides; arguments and errors as `simplify_chains`.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from tilepipe_kernels.polylines.arcs import trace_arcs
-    >>> from tilepipe_kernels.polylines.join import join_arcs
-    >>> from tilepipe_kernels.polylines.simplify import simplify_arcs
-    >>> labels = 1 + np.tri(40, 40, dtype=np.int32)  # two regions that meet along the diagonal
-    >>> arcs = join_arcs([trace_arcs(labels)])
-    >>> np.diff(arcs.offsets).max().item(), np.diff(simplify_arcs(arcs, tolerance=1.0).offsets).max().item()
-    (79, 3)
-    """
-    chains = simplify_chains(arcs, tolerance, pixel_height, pixel_width)
-    return Arcs(chains.offsets, chains.vertices, arcs.left, arcs.right)
+    return polylines.with_vertices(kept)
 
 
 @loop
@@ -192,7 +176,7 @@ def _meet(r0: int, c0: int, r1: int, c1: int, r2: int, c2: int, r3: int, c3: int
 
 @loop
 def _passed(vertices: Vertices, first: int, last: int, row: int, column: int) -> bool:
-    """Whether a point lies between a chain of vertices and the segment that replaces it (ray casting)."""
+    """Whether a point lies between a row of vertices and the segment that replaces it (ray casting)."""
     inside = False
     before = last
     for k in range(first, last + 1):

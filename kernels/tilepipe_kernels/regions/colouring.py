@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from tilepipe_kernels.core.arrays import namespace, on_device, to_host
 from tilepipe_kernels.core.compiled import device_form, loop, rule
+from tilepipe_kernels.core.ragged import offsets_of
 
 MAXIMUM_COLOURS = 64
 """As many as bits of a word."""
@@ -158,7 +159,7 @@ def order_by_colour(colours: Colours) -> tuple[NDArray[np.int32], NDArray[np.int
     """
     xp = namespace(colours)
     order = xp.argsort(colours, kind="stable").astype(xp.int32)
-    return order, np.concatenate([[0], np.cumsum(to_host(xp.bincount(colours)))]).astype(np.int64)
+    return order, offsets_of(to_host(xp.bincount(colours)))
 
 
 @loop
@@ -195,57 +196,3 @@ def rows_in_order(edges: Edges, weights: NDArray[Any], order: NDArray[np.int32])
     of_rows = np.empty(2 * len(weights), weights.dtype)
     _fill_rows(edges, weights, rank, offsets, neighbours, of_rows)
     return Rows(order, offsets[:-1], neighbours, of_rows)
-
-
-def count_components(edges: Edges, marked: NDArray[np.bool_]) -> tuple[int, int]:
-    """Count the connected components, and those among them without any marked node.
-
-    Parameters
-    ----------
-    edges
-        Pairs of nodes, int32, shape (m, 2).
-    marked
-        bool, shape (n,).
-
-    Returns
-    -------
-    components, unmarked
-        Two numbers.
-
-    Examples
-    --------
-    Nodes 0 and 1 are joined, 2 and 3 too; of these only 0 has data.
-
-    >>> import numpy as np
-    >>> from tilepipe_kernels.regions.colouring import count_components
-    >>> count_components(np.array([[0, 1], [2, 3]], np.int32), np.array([True, False, False, False]))
-    (2, 1)
-    """
-    if on_device(edges, marked):
-        device = device_form(__name__)
-        return device.count_components(edges, marked)
-    return _count_components(edges, marked)
-
-
-@loop
-def _count_components(edges: Edges, marked: NDArray[np.bool_]) -> tuple[int, int]:
-    root = np.arange(marked.size).astype(np.int32)
-    for edge in range(edges.shape[0]):
-        a, b = edges[edge, 0], edges[edge, 1]
-        while root[a] != a:
-            root[a] = root[root[a]]
-            a = root[a]
-        while root[b] != b:
-            root[b] = root[root[b]]
-            b = root[b]
-        root[max(a, b)] = min(a, b)
-    found = np.zeros(marked.size, np.bool_)
-    components = with_mark = 0
-    for node in range(marked.size):
-        # roots are the lowest of their component, so those before are found
-        root[node] = root[root[node]]
-        components += root[node] == node
-        if marked[node] and not found[root[node]]:
-            found[root[node]] = True
-            with_mark += 1
-    return components, components - with_mark

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tilepipe_kernels.core.arrays import as_array, namespace, on_device
 from tilepipe_kernels.core.compiled import device_form, loop, rule
+from tilepipe_kernels.core.union_find import unite
 
 _LARGEST = np.finfo(np.float32).max
 
@@ -85,15 +86,6 @@ def joined(a: np.float32, b: np.float32, tolerance: np.float32) -> np.bool_:
 
 
 @loop
-def _root(parent: Labels, run: int) -> int:
-    """Smallest run united with `run`; halves the path on the way."""
-    while parent[run] != run:
-        parent[run] = parent[parent[run]]
-        run = parent[run]
-    return run
-
-
-@loop
 def _starts(
     starts: Marks, belongs: Marks, row: Floats, lowest: np.float32, highest: np.float32, tolerance: np.float32
 ) -> None:
@@ -134,11 +126,7 @@ def _unite_rows(parent: Labels, above_runs: Labels, runs: Labels, news: Marks, w
             continue
         for j in range(8 * word, min(8 * word + 8, runs.size)):
             if news[j]:
-                a, b = _root(parent, above_runs[j]), _root(parent, runs[j])
-                if a < b:
-                    parent[b] = a
-                elif b < a:
-                    parent[a] = b
+                unite(parent, above_runs[j], runs[j])
 
 
 @loop

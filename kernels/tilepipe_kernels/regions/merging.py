@@ -14,19 +14,15 @@ from numpy.typing import NDArray
 
 from tilepipe_kernels.core.arrays import namespace, on_device
 from tilepipe_kernels.core.compiled import device_form, loop, rule
+from tilepipe_kernels.core.union_find import flatten, unite
 from tilepipe_kernels.regions.contraction import (
     Edges,
     Float64,
     Lengths,
     RegionGraph,
-    Statistics,
     contract,
-    first_members,
     number_groups,
-    pooled,
 )
-
-__all__ = ["RegionGraph", "Statistics", "contract", "first_members", "join_small", "merge_best", "pooled"]
 
 
 @rule
@@ -149,18 +145,9 @@ def _most_similar(edges: Edges, length: Lengths, mean: Float64, small: NDArray[n
             best[region] = edge
     root = np.arange(small.size).astype(np.int32)
     for region in range(small.size):
-        if best[region] < 0:
-            continue
-        a, b = edges[best[region], 0], edges[best[region], 1]
-        while root[a] != a:
-            root[a] = root[root[a]]
-            a = root[a]
-        while root[b] != b:
-            root[b] = root[root[b]]
-            b = root[b]
-        root[max(a, b)] = min(a, b)
-    for region in range(small.size):
-        root[region] = root[root[region]]
+        if best[region] >= 0:
+            unite(root, edges[best[region], 0], edges[best[region], 1])
+    flatten(root)
     return root
 
 

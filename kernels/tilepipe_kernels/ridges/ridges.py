@@ -7,37 +7,9 @@ from `thresholds_from_histogram`.  Steger, "An Unbiased Detector of Curvilinear 
 
 from __future__ import annotations
 
-from tilepipe_kernels.image.gaussian import gaussian_derivatives
 from tilepipe_kernels.ridges import points as _points
 from tilepipe_kernels.ridges import width
-from tilepipe_kernels.ridges.bar_profile import (
-    position_standard_error,
-    response_bins,
-    response_of_bar,
-    sigma_for_width,
-    thresholds_from_histogram,
-)
-from tilepipe_kernels.ridges.links import LINK_RADIUS, NEIGHBOUR_OFFSETS, link_points, neighbour_table
-from tilepipe_kernels.ridges.points import LinePoints, line_points
-from tilepipe_kernels.ridges.width import Widths, line_widths
-
-__all__ = [
-    "LINK_RADIUS",
-    "NEIGHBOUR_OFFSETS",
-    "LinePoints",
-    "Widths",
-    "gaussian_derivatives",
-    "halo",
-    "line_points",
-    "line_widths",
-    "link_points",
-    "neighbour_table",
-    "position_standard_error",
-    "response_bins",
-    "response_of_bar",
-    "sigma_for_width",
-    "thresholds_from_histogram",
-]
+from tilepipe_kernels.ridges.links import LINK_RADIUS
 
 
 def halo(sigma: float, maximum_width: float | None = None) -> int:

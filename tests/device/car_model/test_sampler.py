@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 
 from tests.naive.car_model.sampler import Scene, greedy_classes, naive_sample, random_scene
-from tilepipe_kernels.car_model.model import Posterior
-from tilepipe_kernels.car_model.pixel_grid import ROW_LANES
-from tilepipe_kernels.car_model.sampler import CarModel, expect, perturb_and_map, sample, sample_grid, sample_variances
+from tilepipe_kernels.car_model.exact import perturb_and_map
+from tilepipe_kernels.car_model.model import CarModel, Posterior
+from tilepipe_kernels.car_model.pixel_grid import ROW_LANES, sample_grid
+from tilepipe_kernels.car_model.sampler import expect, sample, sample_variances
 from tilepipe_kernels.core.arrays import on_device, to_device, to_host
 from tilepipe_kernels.core.sums import LANES
-from tilepipe_kernels.regions.colouring import colour_graph, count_components, order_by_colour, rows_in_order
+from tilepipe_kernels.regions.colouring import colour_graph, order_by_colour, rows_in_order
+from tilepipe_kernels.regions.components import count_components
 
 LENGTHS = {"burn_in": 1, "draws": 3, "seed": 4}
 

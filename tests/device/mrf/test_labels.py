@@ -16,8 +16,10 @@ from tilepipe_kernels.core.arrays import on_device, to_device, to_host
 from tilepipe_kernels.mrf.annealing import Annealing, boltzmann_factor
 from tilepipe_kernels.mrf.edge_model import EdgeModel
 from tilepipe_kernels.mrf.labels.energy import label_energy
-from tilepipe_kernels.mrf.labels.minimise import intensity_field, minimise
+from tilepipe_kernels.mrf.labels.intensity_field import intensity_field
+from tilepipe_kernels.mrf.labels.minimise import minimise
 from tilepipe_kernels.mrf.labels.problem import Labels
+from tilepipe_kernels.mrf.search import Search
 
 SCHEDULE = Annealing(2, hot=2.0, cold=0.4, seed=2**63)
 CORE = (slice(1, 7), slice(2, 8))
@@ -51,7 +53,7 @@ def test_rounds_are_those_of_the_oracle(problem: dict[str, Any], origin: tuple[i
     tables = {"tables" if name == "pairwise" else name: array for name, array in problem.items()}
     naive = Problem(origin=origin, **tables)
     expected, rounds, unresolved = naive.parallel(cap)
-    options: dict[str, Any] = {"origin": origin, "rounds": cap}
+    options: dict[str, Any] = {"origin": origin, "search": Search(rounds=cap)}
     found = minimise(**uploaded(problem), **options)
     assert_same(found, Labels(naive.as_array(expected), rounds, unresolved))
     assert_same(found, minimise(**problem, **options))
@@ -60,8 +62,8 @@ def test_rounds_are_those_of_the_oracle(problem: dict[str, Any], origin: tuple[i
 @settings(max_examples=10)
 @given(PROBLEMS, ORIGINS, st.sampled_from(["icm", "annealing", "messages"]), st.sampled_from([1, 3, 40]))
 def test_labels_are_those_of_the_cpu(problem: dict[str, Any], origin: tuple[int, int], method: Any, cap: int) -> None:
-    options: dict[str, Any] = {"origin": origin, "method": method, "rounds": cap, "annealing": SCHEDULE, "core": CORE}
-    options |= {"messages": 2, "scales": origin[0] % 2}
+    search = Search(method, cap, SCHEDULE, messages=2, scales=origin[0] % 2)
+    options: dict[str, Any] = {"origin": origin, "search": search, "core": CORE}
     expected = minimise(**problem, **options)
     assert_same(minimise(**uploaded(problem), **options), expected)
     energy = label_energy(to_device(expected.labels), **uploaded(problem))
@@ -84,7 +86,7 @@ def test_labels_of_an_image_are_those_of_the_cpu(method: Any, levels: int, shape
     y[1, 3:5] = np.nan
     h, v = random.choice(np.array([0, 1, 255], np.uint8), (2, *shape))
     model = EdgeModel(levels, "quadratic" if levels == 5 else "reciprocal", beta=0.37, sigma=0.83)
-    options: dict[str, Any] = {"method": method, "messages": 2, "annealing": SCHEDULE, "origin": (3, 8)}
+    options: dict[str, Any] = {"search": Search(method, annealing=SCHEDULE, messages=2), "origin": (3, 8)}
     expected = intensity_field(y, model, horizontal=h, vertical=v, **options)
     found = intensity_field(to_device(y), model, horizontal=to_device(h), vertical=to_device(v), **options)
     assert_same(found, expected)
@@ -111,7 +113,7 @@ def test_boltzmann_factor_is_the_exponential() -> None:
 def test_bad_input_is_refused() -> None:
     y, model = to_device(np.zeros((3, 4), np.float32)), EdgeModel()
     with pytest.raises(ValueError, match="serial HCF is for arrays of the host"):
-        intensity_field(y, model, method="serial")
+        intensity_field(y, model, search=Search("serial"))
     with pytest.raises(ValueError, match="finite"):
         intensity_field(to_device(np.full((3, 4), np.inf)), model)
     with pytest.raises(ValueError, match="start must be from 0 to 1"):

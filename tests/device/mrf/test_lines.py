@@ -14,7 +14,8 @@ from tests.naive.mrf import lines as naive
 from tilepipe_kernels.core.arrays import on_device, to_device, to_host
 from tilepipe_kernels.mrf.annealing import Annealing
 from tilepipe_kernels.mrf.edge_model import EdgeModel
-from tilepipe_kernels.mrf.lines.minimise import CoupledFields, LineField, Method, coupled_fields, line_field
+from tilepipe_kernels.mrf.lines.minimise import CoupledFields, LineField, coupled_fields, line_field
+from tilepipe_kernels.mrf.search import Method, Search
 
 
 def assert_same(found: LineField | CoupledFields, expected: LineField | CoupledFields) -> None:
@@ -38,8 +39,8 @@ def test_lines_are_those_of_the_cpu(
     shape: tuple[int, int], seed: int, method: Method, only: str | None, rounds: int, sure: bool
 ) -> None:
     _, x = scene(*shape, 3, seed)
-    options: dict[str, Any] = {"method": method, "rounds": rounds, "origin": (seed % 7, 1000), "sure": sure}
-    options |= {"core": np.s_[1:9, 2:], "annealing": Annealing(sweeps=2, seed=seed)}
+    search = Search(method, rounds, Annealing(sweeps=2, seed=seed), sure=sure)
+    options: dict[str, Any] = {"search": search, "origin": (seed % 7, 1000), "core": np.s_[1:9, 2:]}
     model = model_of(only=only)
     assert_same(line_field(to_device(x), model, **options), line_field(x, model, **options))
 
@@ -63,8 +64,8 @@ def test_coupled_fields_are_those_of_the_cpu(
     x[:3] = np.where(x[:3] == 255, 255, levels - 1)
     potential = "reciprocal" if seed % 2 else "quadratic"
     model = model_of(levels, potential=potential)
-    options: dict[str, Any] = {"method": method, "rounds": rounds, "origin": (5, seed), "sure": sure}
-    options |= {"core": np.s_[:-1, 1:], "annealing": Annealing(sweeps=2, seed=seed)}
+    search = Search(method, rounds, Annealing(sweeps=2, seed=seed), sure=sure)
+    options: dict[str, Any] = {"search": search, "origin": (5, seed), "core": np.s_[:-1, 1:]}
     start = (x, to_device(x)) if started else (None, None)
     expected = coupled_fields(y, model, start=start[0], **options)
     assert_same(coupled_fields(to_device(y), model, start=start[1], **options), expected)
@@ -77,9 +78,9 @@ def test_rounds_are_those_of_brute_force(integrated: bool) -> None:
     state = naive_state(y, None if integrated else x)
     expected = naive.parallel_hcf(state, model, 99, origin, integrated=integrated, sure=True)
     if integrated:
-        found: LineField | CoupledFields = coupled_fields(to_device(y), model, rounds=99, origin=origin)
+        found: LineField | CoupledFields = coupled_fields(to_device(y), model, search=Search(rounds=99), origin=origin)
     else:
-        found = line_field(to_device(x), model, rounds=99, origin=origin)
+        found = line_field(to_device(x), model, search=Search(rounds=99), origin=origin)
     for mine, theirs in zip(found[-4:-2], state.fields[1:], strict=True):
         np.testing.assert_array_equal(to_host(mine), np.where(theirs == 255, 0, theirs))
     assert found[-2:] == expected
@@ -95,9 +96,9 @@ def test_a_photograph_like_block_is_that_of_the_cpu() -> None:
 def test_the_serial_form_is_refused() -> None:
     y, x = scene(4, 4, 2, seed=0)
     with pytest.raises(ValueError, match="serial HCF runs on the host alone"):
-        line_field(to_device(x), EdgeModel(2), method="serial")
+        line_field(to_device(x), EdgeModel(2), search=Search("serial"))
     with pytest.raises(ValueError, match="serial HCF runs on the host alone"):
-        coupled_fields(to_device(y), EdgeModel(2), method="serial")
+        coupled_fields(to_device(y), EdgeModel(2), search=Search("serial"))
     with pytest.raises(TypeError, match="mixed"):
         coupled_fields(to_device(y), EdgeModel(2), start=x)
 

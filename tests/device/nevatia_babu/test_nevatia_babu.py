@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 
 from tests.naive.nevatia_babu import nevatia_babu as naive
 from tilepipe_kernels.core.arrays import on_device, to_device, to_host
-from tilepipe_kernels.nevatia_babu.elements import NO_DIRECTION, count_magnitudes, edge_responses, thin_edges
+from tilepipe_kernels.nevatia_babu.elements import count_magnitudes, thin_edges
 from tilepipe_kernels.nevatia_babu.links import EdgeElements, find_elements, link_elements
+from tilepipe_kernels.nevatia_babu.masks import NO_DIRECTION, edge_responses
 
 COLUMNS = ("pixel", "direction", "magnitude", "links")
 

@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 
 from tests.kernels.regions.test_merging import random_graph
 from tilepipe_kernels.core.arrays import on_device, to_device, to_host
-from tilepipe_kernels.regions.merging import RegionGraph, Statistics, first_members, join_small, merge_best
+from tilepipe_kernels.regions.contraction import RegionGraph, Statistics, first_members
+from tilepipe_kernels.regions.merging import join_small, merge_best
 
 
 def uploaded(graph: RegionGraph) -> RegionGraph:

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from tests.naive.regions import quadtree as naive
 from tilepipe_kernels.core.arrays import on_device, to_device, to_host
-from tilepipe_kernels.regions.quadtree import MISSING, split
+from tilepipe_kernels.regions.quadtree import split
+from tilepipe_kernels.regions.quadtree_sums import MISSING
 
 COLUMNS = ("first", "level", "count", "total", "squares")
 

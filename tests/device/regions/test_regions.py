@@ -9,7 +9,7 @@ import pytest
 
 from tilepipe_kernels.core.arrays import on_device, to_device, to_host
 from tilepipe_kernels.image import grey_levels
-from tilepipe_kernels.image import histogram as levels
+from tilepipe_kernels.image.histogram import histogram
 from tilepipe_kernels.regions import region_table
 from tilepipe_kernels.regions.growing import grow_regions
 
@@ -67,6 +67,6 @@ def test_grey_levels_are_the_same() -> None:
 
 def test_histogram_is_the_same() -> None:
     values = np.concatenate([VALUES.ravel(), -VALUES.ravel(), np.zeros(3, np.float32), -np.zeros(2, np.float32)])
-    found = levels.histogram(to_device(values))
+    found = histogram(to_device(values))
     assert on_device(found)
-    np.testing.assert_array_equal(to_host(found), levels.histogram(values))
+    np.testing.assert_array_equal(to_host(found), histogram(values))

@@ -12,10 +12,13 @@ from scipy import ndimage
 from tests.naive.ridges import ridges as naive
 from tilepipe_kernels.core.arrays import on_device, to_device, to_host
 from tilepipe_kernels.image.device import gaussian as grids
-from tilepipe_kernels.image.gaussian import fill_nodata, gaussian_smooth
-from tilepipe_kernels.ridges import ridges
+from tilepipe_kernels.image.gaussian import fill_nodata, gaussian_derivatives, gaussian_smooth
+from tilepipe_kernels.ridges.bar_profile import position_standard_error
 from tilepipe_kernels.ridges.device import points as point_grids
 from tilepipe_kernels.ridges.device import width as width_grids
+from tilepipe_kernels.ridges.links import link_points, neighbour_table
+from tilepipe_kernels.ridges.points import LinePoints, line_points
+from tilepipe_kernels.ridges.width import line_widths
 
 
 def texture(shape: tuple[int, int], seed: int = 0) -> NDArray[np.float32]:
@@ -30,8 +33,8 @@ def with_holes(image: NDArray[np.float32]) -> NDArray[np.float32]:
     return holed
 
 
-def moved(points: ridges.LinePoints) -> ridges.LinePoints:
-    return ridges.LinePoints(**{name: to_device(column) for name, column in vars(points).items()})
+def moved(points: LinePoints) -> LinePoints:
+    return LinePoints(**{name: to_device(column) for name, column in vars(points).items()})
 
 
 def assert_same(found: Any, expected: Any) -> None:
@@ -50,8 +53,8 @@ def wide_sigma() -> float:
 @pytest.mark.parametrize("sigma", [0.5, 1.0, None])
 def test_derivatives_have_the_bits_of_the_cpu(shape: tuple[int, int], sigma: float | None) -> None:
     block, sigma = texture(shape), sigma or wide_sigma()
-    found, oracle = ridges.gaussian_derivatives(to_device(block), sigma), naive.gaussian_derivatives(block, sigma)
-    for ours, theirs, direct in zip(found, ridges.gaussian_derivatives(block, sigma), oracle, strict=True):
+    found, oracle = gaussian_derivatives(to_device(block), sigma), naive.gaussian_derivatives(block, sigma)
+    for ours, theirs, direct in zip(found, gaussian_derivatives(block, sigma), oracle, strict=True):
         assert on_device(ours)
         np.testing.assert_array_equal(to_host(ours), theirs)
         np.testing.assert_allclose(theirs, direct, rtol=0, atol=1e-3)
@@ -84,17 +87,17 @@ def test_points_have_the_bits_of_the_cpu(sigma: float | None, dark: bool) -> Non
     mask = np.ones(block.shape, bool)
     mask[:9, 3:15] = False
     for chosen in (None, mask):
-        found = ridges.line_points(
+        found = line_points(
             to_device(block), sigma, low=0.5, mask=None if chosen is None else to_device(chosen), dark=dark
         )
-        expected = ridges.line_points(block, sigma, low=0.5, mask=chosen, dark=dark)
+        expected = line_points(block, sigma, low=0.5, mask=chosen, dark=dark)
         assert len(expected) > 5
         assert_same(found, expected)
 
 
 def test_points_are_those_of_the_oracle() -> None:
     block = texture((14, 15), seed=3)
-    found, expected = ridges.line_points(to_device(block), 0.8, low=0.5), naive.line_points(block, 0.8, 0.5, True)
+    found, expected = line_points(to_device(block), 0.8, low=0.5), naive.line_points(block, 0.8, 0.5, True)
     sites = set(zip(to_host(found.row).tolist(), to_host(found.col).tolist(), strict=True))
     assert len(expected) > 20
     assert len(sites ^ expected.keys()) <= 1
@@ -102,9 +105,9 @@ def test_points_are_those_of_the_oracle() -> None:
 
 def test_points_beside_missing_pixels() -> None:
     block = with_holes(texture((15, 16)))
-    expected = ridges.line_points(block, 0.6, low=0.3)
-    found = ridges.line_points(to_device(block), 0.6, low=0.3)
-    assert_same(ridges.LinePoints(found.row, found.col, *(found.dx,) * 5), ridges.LinePoints(
+    expected = line_points(block, 0.6, low=0.3)
+    found = line_points(to_device(block), 0.6, low=0.3)
+    assert_same(LinePoints(found.row, found.col, *(found.dx,) * 5), LinePoints(
         expected.row, expected.col, *(to_host(found.dx),) * 5
     ))  # fmt: skip
     np.testing.assert_allclose(to_host(found.response), expected.response, rtol=1e-4)
@@ -113,36 +116,36 @@ def test_points_beside_missing_pixels() -> None:
 def test_more_points_than_expected(monkeypatch: pytest.MonkeyPatch) -> None:
     block = texture((12, 12))
     monkeypatch.setattr(point_grids, "EXPECTED_SHARE", 0.01)
-    assert_same(ridges.line_points(to_device(block), 0.6, low=0.1), ridges.line_points(block, 0.6, low=0.1))
+    assert_same(line_points(to_device(block), 0.6, low=0.1), line_points(block, 0.6, low=0.1))
 
 
 def test_no_points() -> None:
-    found = ridges.line_points(to_device(np.ones((8, 8), np.float32)), 1.0, low=0.1)
+    found = line_points(to_device(np.ones((8, 8), np.float32)), 1.0, low=0.1)
     assert len(found) == 0 and on_device(found.row)
-    assert ridges.link_points(found).shape == (0,)
-    widths = ridges.line_widths(to_device(np.ones((8, 8), np.float32)), found, 1.0, maximum_width=4.0)
+    assert link_points(found).shape == (0,)
+    widths = line_widths(to_device(np.ones((8, 8), np.float32)), found, 1.0, maximum_width=4.0)
     assert on_device(widths.valid) and widths.valid.shape == (0,)
 
 
 def test_standard_error_stays_on_the_device() -> None:
     response = np.array([0.5, 2.0, 40.0], np.float32)
-    found = ridges.position_standard_error(to_device(response), 1.5, 3.0)
+    found = position_standard_error(to_device(response), 1.5, 3.0)
     assert on_device(found)
-    np.testing.assert_array_equal(to_host(found), ridges.position_standard_error(response, 1.5, 3.0))
+    np.testing.assert_array_equal(to_host(found), position_standard_error(response, 1.5, 3.0))
 
 
 def test_block_and_mask_do_not_mix() -> None:
     with pytest.raises(TypeError, match="mixed"):
-        ridges.line_points(to_device(texture((8, 8))), 1.0, low=0.1, mask=np.ones((8, 8), bool))
+        line_points(to_device(texture((8, 8))), 1.0, low=0.1, mask=np.ones((8, 8), bool))
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_links_are_those_of_the_cpu(seed: int) -> None:
-    points = ridges.line_points(texture((24, 23), seed), 0.6, low=0.02)
-    neighbours, links = ridges.neighbour_table(moved(points)), ridges.link_points(moved(points))
+    points = line_points(texture((24, 23), seed), 0.6, low=0.02)
+    neighbours, links = neighbour_table(moved(points)), link_points(moved(points))
     assert on_device(neighbours, links)
-    np.testing.assert_array_equal(to_host(neighbours), ridges.neighbour_table(points))
-    np.testing.assert_array_equal(to_host(links), ridges.link_points(points))
+    np.testing.assert_array_equal(to_host(neighbours), neighbour_table(points))
+    np.testing.assert_array_equal(to_host(links), link_points(points))
     assert links.dtype == np.uint8 and naive.is_symmetric(points, to_host(links))
 
 
@@ -152,21 +155,21 @@ def test_small_loops_are_cut_alike() -> None:
     row, col = (index.ravel().astype(np.int32) for index in np.indices((6, 7)))
     dx, dy = random.uniform(-0.6, 0.6, (2, row.size)).astype(np.float32)
     angle = random.uniform(-1.5, 1.5, row.size)
-    points = ridges.LinePoints(
+    points = LinePoints(
         row, col, dx, dy, np.cos(angle).astype(np.float32), np.sin(angle).astype(np.float32), np.ones_like(dx)
     )
-    links = ridges.link_points(points)
-    np.testing.assert_array_equal(to_host(ridges.link_points(moved(points))), links)
+    links = link_points(points)
+    np.testing.assert_array_equal(to_host(link_points(moved(points))), links)
     assert not naive.has_loop_of_three_or_four(naive.graph(points, links))
 
 
 @pytest.mark.parametrize("dark", [True, False])
 def test_widths_agree_with_the_cpu(dark: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     block = texture((18, 17))
-    points = ridges.line_points(block, 1.0, low=0.1, dark=dark)
+    points = line_points(block, 1.0, low=0.1, dark=dark)
     monkeypatch.setattr(width_grids, "MOST_SAMPLES", 300)
-    found = ridges.line_widths(to_device(block), moved(points), 1.0, maximum_width=5.0, dark=dark)
-    expected = ridges.line_widths(block, points, 1.0, maximum_width=5.0, dark=dark)
+    found = line_widths(to_device(block), moved(points), 1.0, maximum_width=5.0, dark=dark)
+    expected = line_widths(block, points, 1.0, maximum_width=5.0, dark=dark)
     assert on_device(found.left, found.contrast, found.valid)
     np.testing.assert_array_equal(to_host(found.valid), expected.valid)
     assert expected.valid.any() and not expected.valid.all()

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from tilepipe_kernels.car_model.convergence import effective_sample_size, split_rhat
-from tilepipe_kernels.car_model.sampler import CarModel, Priors, sample
+from tilepipe_kernels.car_model.model import CarModel, Priors
+from tilepipe_kernels.car_model.sampler import sample
 
 RECORDED = json.loads((Path(__file__).parent / "jags_posterior.json").read_text())
 DRAWS = 20_000

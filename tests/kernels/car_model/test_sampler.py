@@ -7,14 +7,16 @@ import pytest
 from scipy.special import ndtr
 
 from tests.naive.car_model.sampler import Scene, greedy_classes, integrate, naive_sample, random_scene
-from tilepipe_kernels.car_model import sampler
 from tilepipe_kernels.car_model.chain import Variances
 from tilepipe_kernels.car_model.convergence import effective_sample_size
-from tilepipe_kernels.car_model.exact import measure
-from tilepipe_kernels.car_model.sampler import CarModel, expect, perturb_and_map, sample, sample_grid, sample_variances
+from tilepipe_kernels.car_model.exact import measure, perturb_and_map
+from tilepipe_kernels.car_model.model import CarModel, Priors
+from tilepipe_kernels.car_model.pixel_grid import sample_grid
+from tilepipe_kernels.car_model.sampler import expect, sample, sample_variances
 from tilepipe_kernels.car_model.states import Gibbs
-from tilepipe_kernels.car_model.sweeps import BLOCK, normal_tail, probability_of_same
+from tilepipe_kernels.car_model.sweeps import normal_tail, probability_of_same
 from tilepipe_kernels.core.random import normals
+from tilepipe_kernels.core.sums import BLOCK
 from tilepipe_kernels.regions.colouring import colour_graph, order_by_colour
 
 TOLERANCE = 0.5
@@ -184,7 +186,7 @@ def test_a_component_numbered_within_another_graph_draws_the_same(method):
     results = []
     for these, ids in ((scene, np.arange(10) + 4), (alone, part + 4)):
         chain = Gibbs(these.model(), ids, np.uint64(1), 1, None)
-        variances = Variances(sampler.Priors(), 4, 10, 0, True, np.uint64(1), 0.5, 0.2)
+        variances = Variances(Priors(), 4, 10, 0, True, np.uint64(1), 0.5, 0.2)
         for sweep in range(3):
             roughness, misfit = chain.draw(variances, sweep)
             assert np.allclose((roughness, misfit), measure(chain.graph, chain.heights()))
@@ -283,4 +285,4 @@ def test_bad_input_is_refused():
         with pytest.raises(ValueError, match="heights must"):
             sample_grid(bad_grid, burn_in=0, draws=2)
     with pytest.raises(ValueError, match="positive"):
-        sampler.Priors(noise_rate=0)
+        Priors(noise_rate=0)

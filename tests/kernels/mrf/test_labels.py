@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import doctest
 from typing import Any, get_args
 
 import numpy as np
@@ -19,9 +18,11 @@ from tilepipe_kernels.mrf.hcf import site_rank
 from tilepipe_kernels.mrf.labels import messages as label_messages
 from tilepipe_kernels.mrf.labels.energy import label_energy
 from tilepipe_kernels.mrf.labels.hcf import parallel_rounds
+from tilepipe_kernels.mrf.labels.intensity_field import intensity_field
 from tilepipe_kernels.mrf.labels.messages import message_labels
-from tilepipe_kernels.mrf.labels.minimise import Method, halo, intensity_field, minimise
+from tilepipe_kernels.mrf.labels.minimise import halo, minimise
 from tilepipe_kernels.mrf.labels.problem import Labels, labelling
+from tilepipe_kernels.mrf.search import Method, Search
 
 SHORT = Annealing(6, hot=2.0, cold=0.1, seed=3)
 
@@ -73,7 +74,7 @@ def scene(seed: int, size: int, levels: int, noise: float) -> tuple[NDArray[np.u
 @given(PROBLEMS, ORIGINS, st.sampled_from([2, 40]))
 def test_parallel_is_its_definition(problem: dict[str, Any], origin: tuple[int, int], cap: int) -> None:
     naive = naive_of(problem, origin)
-    found = minimise(**problem, origin=origin, rounds=cap)
+    found = minimise(**problem, origin=origin, search=Search(rounds=cap))
     expected, rounds, unresolved = naive.parallel(cap)
     np.testing.assert_array_equal(found.labels, naive.as_array(expected))
     assert (found.rounds, found.unresolved) == (rounds, unresolved)
@@ -83,9 +84,9 @@ def test_parallel_is_its_definition(problem: dict[str, Any], origin: tuple[int, 
 @given(PROBLEMS, ORIGINS)
 def test_serial_and_icm_are_their_definitions(problem: dict[str, Any], origin: tuple[int, int]) -> None:
     naive = naive_of(problem, origin)
-    serial = minimise(**problem, origin=origin, method="serial")
+    serial = minimise(**problem, origin=origin, search=Search("serial"))
     np.testing.assert_array_equal(serial.labels, naive.as_array(naive.serial()))
-    icm = minimise(**problem, origin=origin, method="icm", rounds=30)
+    icm = minimise(**problem, origin=origin, search=Search("icm", 30))
     np.testing.assert_array_equal(icm.labels, naive.as_array(naive.icm(30)))
     assert icm.unresolved == serial.unresolved == 0
     assert label_energy(icm.labels, **problem) == naive.energy(icm.labels)
@@ -114,7 +115,7 @@ def test_weights_are_as_good_as_tables() -> None:
     kinds = {name: (2 * problem[f"{name}_weight"]).astype(int) for name in ("down", "right")}
     plain = {name: problem[name] for name in ("unary", "pairwise")}
     for method in get_args(Method):
-        options: dict[str, Any] = {"method": method, "annealing": SHORT}
+        options: dict[str, Any] = {"search": Search(method, annealing=SHORT)}
         weighted = minimise(**problem, **options).labels
         np.testing.assert_array_equal(weighted, minimise(problem["unary"], tables, **kinds, **options).labels)
         assert (weighted != minimise(**plain, **options).labels).any()
@@ -152,16 +153,14 @@ def test_tiles_do_not_show(
     unary = (y[..., None] - np.arange(levels)) ** 2 / 8
     table = EdgeModel(levels, "quadratic").pairwise()
     weights = random.uniform(0, 2, (2, 90, 90))
-    options: dict[str, Any] = {"method": method, "rounds": 3, "messages": 3, "annealing": Annealing(1)}
-    options["scales"] = scales
+    search = Search(method, 3, Annealing(1), messages=3, scales=scales)
 
     def solved(part: tuple[slice, slice], core: tuple[slice, slice]) -> Labels:
         given = {name: w[part] for name, w in zip(("down_weight", "right_weight"), weights, strict=True) if weighted}
-        return minimise(
-            unary[part], table, **given, origin=(1000 + part[0].start, 70000 + part[1].start), core=core, **options
-        )
+        origin = 1000 + part[0].start, 70000 + part[1].start
+        return minimise(unary[part], table, **given, search=search, origin=origin, core=core)
 
-    reach = halo(3, method=method, messages=3, annealing=Annealing(1), scales=scales)
+    reach = halo(search)
     place = (slice(top, top + 45), slice(left, left + 45))
     whole = solved((slice(0, 90), slice(0, 90)), place)
     rows, columns = (slice(max(part.start - reach, 0), part.stop + reach) for part in place)
@@ -190,7 +189,7 @@ def test_two_labels_come_within_a_hundredth_of_the_exact_minimum(potential: Any,
     model = EdgeModel(2, potential)
     least = exact_minimum(y, model)
     parallel, serial, messages = (
-        energy(y, intensity_field(y, model, method=method).labels, None, None, model)
+        energy(y, intensity_field(y, model, search=Search(method)).labels, None, None, model)
         for method in ("parallel", "serial", "messages")
     )
     assert least - 1e-6 <= parallel <= least + 0.01 * abs(least)
@@ -205,7 +204,7 @@ def test_no_optimiser_ends_above_its_start(potential: Any, levels: int) -> None:
     model = EdgeModel(levels, potential, beta=0.6, sigma=0.7)
     start = energy(y, np.clip(np.round(y), 0, levels - 1).astype(int), None, None, model)
     for method in get_args(Method):
-        found = intensity_field(y, model, method=method, annealing=SHORT)
+        found = intensity_field(y, model, search=Search(method, annealing=SHORT))
         assert energy(y, found.labels, None, None, model) < start
         assert found.unresolved <= 2 and found.labels.max() < levels
 
@@ -221,7 +220,7 @@ def test_messages_go_below_the_truth_where_icm_and_hcf_cannot() -> None:
         return float(np.take_along_axis(unary, x[..., None].astype(int), 2).sum() + pairs)
 
     results: dict[str, float] = {
-        method: cost(minimise(unary, table, method=method).labels) for method in ("parallel", "icm", "messages")
+        method: cost(minimise(unary, table, search=Search(method)).labels) for method in ("parallel", "icm", "messages")
     }
     assert results["messages"] < cost(truth) < results["parallel"] < results["icm"]
 
@@ -229,7 +228,7 @@ def test_messages_go_below_the_truth_where_icm_and_hcf_cannot() -> None:
 def test_bands_of_messages_do_not_show(monkeypatch: pytest.MonkeyPatch) -> None:
     _, y = scene(6, 70, 5, 0.8)
     for scales in (0, 1):
-        options: dict[str, Any] = {"method": "messages", "messages": 3, "scales": scales, "origin": (7, 8)}
+        options: dict[str, Any] = {"search": Search("messages", messages=3, scales=scales), "origin": (7, 8)}
         with monkeypatch.context() as patch:
             whole = intensity_field(y, EdgeModel(5), **options).labels
             patch.setattr(label_messages, "_BAND_BYTES", 1)
@@ -273,7 +272,7 @@ def test_nodata_parts_what_it_stands_between() -> None:
     y[:, 20] = np.nan
     model = EdgeModel(4)
     for method in get_args(Method):
-        options: dict[str, Any] = {"method": method, "annealing": SHORT}
+        options: dict[str, Any] = {"search": Search(method, annealing=SHORT)}
         whole = intensity_field(y, model, **options).labels
         assert (whole[:, 20] == 255).all()
         np.testing.assert_array_equal(
@@ -289,7 +288,7 @@ def test_descent_from_a_start() -> None:
     assert found.unresolved == 0
     assert energy(y, found.labels, None, None, model) < energy(y, truth, None, None, model)
     for method in ("parallel", "serial"):
-        again = intensity_field(y, model, start=found.labels, method=method)  # type: ignore[arg-type]
+        again = intensity_field(y, model, start=found.labels, search=Search(method))  # type: ignore[arg-type]
         assert again.rounds == 0
         np.testing.assert_array_equal(again.labels, found.labels)
 
@@ -307,29 +306,22 @@ def test_bad_input_is_refused() -> None:
         (lambda: minimise(unary, table, down_weight=-np.ones((4, 5))), "down_weight must be finite and not neg"),
         (lambda: minimise(unary, table, right_weight=np.full((4, 5), np.nan)), "right_weight must be finite"),
         (lambda: minimise(unary, table, right_weight=np.ones((4, 4))), "right_weight must be a real"),
-        (lambda: minimise(unary, table, scales=-1), "scales"),
+        (lambda: Search(scales=-1), "scales"),
         (lambda: label_energy(np.full((4, 5), 256), unary, table), "labels must be from 0 to 2"),
-        (lambda: minimise(unary, table, method="swap"), "method"),  # type: ignore[arg-type]
-        (lambda: minimise(unary, table, rounds=0), "rounds"),
-        (lambda: minimise(unary, table, messages=0), "messages"),
+        (lambda: Search("swap"), "method"),  # type: ignore[arg-type]
+        (lambda: Search(rounds=0), "rounds"),
+        (lambda: Search(messages=0), "messages"),
         (lambda: minimise(unary, table, start=np.full((4, 5), 3)), "start"),
         (lambda: minimise(unary, table, start=np.zeros((4, 4))), "start"),
         (lambda: intensity_field(unary, model), "observed"),
         (lambda: intensity_field(np.full((3, 3), np.inf), model), "finite"),
         (lambda: intensity_field(unary[0], model, horizontal=np.zeros((1, 1), int)), "horizontal"),
-        (lambda: halo(method="serial"), "serial"),
+        (lambda: halo(Search("serial")), "serial"),
         (lambda: Annealing(0), "sweep"),
         (lambda: Annealing(cold=2.0), "temperatures"),
     ):
         with pytest.raises(ValueError, match=match):
             call()
-
-
-def test_the_example_of_the_documentation() -> None:
-    from tilepipe_kernels.mrf.labels import minimise as module
-
-    found = doctest.testmod(module)
-    assert found.attempted > 3 and found.failed == 0
 
 
 def test_annealing_starts_at_the_cost_of_a_pair() -> None:
@@ -339,7 +331,7 @@ def test_annealing_starts_at_the_cost_of_a_pair() -> None:
     unary = 10 * (level + random.normal(0, 1, level.shape))[:, :, None] - 10 * np.arange(4)
     unary, pairwise = unary**2 / 10, 20 * (1 - np.eye(4))
     quench, slow = (
-        label_energy(minimise(unary, pairwise, method="annealing", annealing=schedule).labels, unary, pairwise)
-        for schedule in (None, Annealing(hot=20, cold=1))
+        label_energy(minimise(unary, pairwise, search=Search("annealing", annealing=schedule)).labels, unary, pairwise)
+        for schedule in (Annealing(), Annealing(hot=20, cold=1))
     )
     assert slow < 0.9 * quench

@@ -16,17 +16,11 @@ from tilepipe_kernels.mrf.annealing import Annealing
 from tilepipe_kernels.mrf.edge_energy import energy, energy_terms
 from tilepipe_kernels.mrf.edge_model import EdgeModel
 from tilepipe_kernels.mrf.lines.energies import find_stabilities, wishes
+from tilepipe_kernels.mrf.lines.framed import framed_sites
 from tilepipe_kernels.mrf.lines.hcf import parallel_rounds
-from tilepipe_kernels.mrf.lines.minimise import (
-    CoupledFields,
-    LineField,
-    Method,
-    _sites,
-    coupled_fields,
-    halo,
-    line_field,
-)
+from tilepipe_kernels.mrf.lines.minimise import CoupledFields, LineField, coupled_fields, halo, line_field
 from tilepipe_kernels.mrf.lines.sites import H, V, X, neighbourhoods
+from tilepipe_kernels.mrf.search import Method, Search
 
 Field = NDArray[np.uint8]
 TERMS = ("alpha", "gamma", "xi", "zeta")
@@ -81,7 +75,7 @@ def test_stabilities_are_differences_of_the_total_energy(only: str | None, poten
     y, x = scene(6, 7, 3, seed=11, missing=0.1)
     model = model_of(only=only, potential=potential)
     random = np.random.default_rng(12)
-    sites = _sites(x, y, model, (0, 0), True)
+    sites = framed_sites(x, y, model, (0, 0), True)
     state, exists = sites.block.state, sites.block.exists
     for field in range(3):
         own = np.flatnonzero(exists & (np.arange(exists.size) // sites.block.frame.plane == field))
@@ -113,7 +107,7 @@ def test_parallel_lines_are_those_of_brute_force(shape: tuple, seed: int, only: 
     if only is not None:
         model = dataclasses.replace(model, **{name: 2.0**-9 for name in TERMS if getattr(model, name) == 0})
     expected = naive.parallel_hcf(state, model, rounds, origin, integrated=False, sure=sure)
-    found = line_field(x, model, rounds=rounds, origin=origin, sure=sure)
+    found = line_field(x, model, search=Search(rounds=rounds, sure=sure), origin=origin)
     for mine, theirs in zip(found[:2], state.fields[1:], strict=True):
         assert np.array_equal(mine, np.where(theirs == 255, 0, theirs))
     assert (found.rounds, found.unresolved) == expected
@@ -134,7 +128,7 @@ def test_parallel_coupled_fields_are_those_of_brute_force(
     model, origin = model_of(levels), (5, seed)
     state = naive_state(y, None)
     expected = naive.parallel_hcf(state, model, rounds, origin, integrated=True, sure=sure)
-    found = coupled_fields(y, model, rounds=rounds, origin=origin, sure=sure)
+    found = coupled_fields(y, model, search=Search(rounds=rounds, sure=sure), origin=origin)
     for mine, theirs, empty in zip(found[:3], state.fields, (255, 0, 0), strict=True):
         assert np.array_equal(mine, np.where(theirs == 255, empty, theirs))
     assert (found.rounds, found.unresolved) == expected
@@ -144,7 +138,7 @@ def test_parallel_coupled_fields_are_those_of_brute_force(
 def test_the_worklist_forgets_no_site(levels: int, sigma: float) -> None:
     """After each round the stabilities are those that looking at every site gives."""
     y, _ = smooth_scene(80, levels)
-    sites = _sites(np.full(y.shape, 255, np.uint8), y, EdgeModel(levels, sigma=sigma), (0, 0), True)
+    sites = framed_sites(np.full(y.shape, 255, np.uint8), y, EdgeModel(levels, sigma=sigma), (0, 0), True)
     kept, choices = np.empty(sites.block.state.size, np.float32), np.empty(sites.block.state.size, np.uint8)
     fresh = np.empty_like(kept)
     wanting = wishes(sites.block, sites.weights, kept, choices, False)
@@ -162,7 +156,7 @@ def test_the_worklist_forgets_no_site(levels: int, sigma: float) -> None:
 def test_no_single_element_can_lower_the_energy(method: Method, only: str | None) -> None:
     _, x = scene(14, 13, 3, seed=5)
     model = model_of(only=only)
-    found = line_field(x, model, method=method, rounds=99, annealing=Annealing(sweeps=5))
+    found = line_field(x, model, search=Search(method, 99, Annealing(sweeps=5)))
     assert found.unresolved == 0
     least = line_energy(x, found, model)
     elements = np.stack(found[:2])
@@ -178,7 +172,7 @@ def test_no_single_element_can_lower_the_energy(method: Method, only: str | None
 def test_no_single_site_can_lower_the_coupled_energy(method: Method, potential: str) -> None:
     y, _ = scene(9, 8, 4, seed=6)
     model = model_of(4, potential=potential)
-    found = coupled_fields(y, model, method=method, rounds=99, annealing=Annealing(sweeps=5))
+    found = coupled_fields(y, model, search=Search(method, 99, Annealing(sweeps=5)))
     assert found.unresolved == 0
     assert np.array_equal(found.labels == 255, np.isnan(y))
     least = energy(y, *found[:3], model)
@@ -195,14 +189,14 @@ def test_energies_of_the_optimisers_lie_as_they_should(levels: int) -> None:
     y, x = smooth_scene(100, levels)
     model = EdgeModel(levels)
     methods: tuple[Method, ...] = ("parallel", "serial", "icm", "annealing")
-    fields = {method: line_field(x, model, method=method, rounds=60) for method in methods}
+    fields = {method: line_field(x, model, search=Search(method, 60)) for method in methods}
     lines = {method: line_energy(x, fields[method], model) for method in methods}
-    plain = line_field(x, model, method="serial", sure=False)
+    plain = line_field(x, model, search=Search("serial", sure=False))
     assert lines["parallel"] <= 1.005 * lines["serial"]
     assert lines["annealing"] < lines["parallel"] < min(lines["icm"], line_energy(x, plain, model))
     # Edges that nothing speaks for, or against, are not drawn.
     assert fields["annealing"].horizontal.sum() < 1.2 * fields["serial"].horizontal.sum()
-    both = {method: energy(y, *coupled_fields(y, model, method=method, rounds=60)[:3], model) for method in methods}
+    both = {method: energy(y, *coupled_fields(y, model, search=Search(method, 60))[:3], model) for method in methods}
     assert both["parallel"] - both["serial"] <= 0.01 * abs(both["serial"])
     assert both["annealing"] < both["parallel"] < both["icm"]
 
@@ -258,8 +252,8 @@ def test_law_1_a_block_with_its_halo_gives_the_same(
     model = model_of(2, only=only)
     method, rounds = scheme
     schedule = Annealing(sweeps=1, hot=0.5, cold=0.5, seed=seed)
-    options = {"method": method, "rounds": rounds, "annealing": schedule}
-    margin = halo(model, rounds, method=method, integrated=integrated, annealing=schedule)
+    search = Search(method, rounds, schedule)
+    margin = halo(model, search, integrated=integrated)
     top, left, rows, columns = window
     low = max(top - margin, 0), max(left - margin, 0)
     block = np.s_[low[0] : top + rows + margin, low[1] : left + columns + margin]
@@ -267,8 +261,8 @@ def test_law_1_a_block_with_its_halo_gives_the_same(
     run = coupled_fields if integrated else line_field
     given_array = y if integrated else x
     at = np.s_[top : top + rows, left : left + columns]
-    whole: CoupledFields | LineField = run(given_array, model, origin=(300, 7), core=at, **options)  # type: ignore
-    part = run(given_array[block], model, origin=(300 + low[0], 7 + low[1]), core=core, **options)  # type: ignore
+    whole: CoupledFields | LineField = run(given_array, model, origin=(300, 7), core=at, search=search)  # type: ignore
+    part = run(given_array[block], model, origin=(300 + low[0], 7 + low[1]), core=core, search=search)  # type: ignore
     for one, other in zip(whole[:-2], part[:-2], strict=True):
         assert np.array_equal(one[at], other[core])
     assert whole.unresolved == part.unresolved
@@ -276,31 +270,40 @@ def test_law_1_a_block_with_its_halo_gives_the_same(
 
 def test_the_halo_follows_from_the_terms() -> None:
     full, corners = EdgeModel(2), EdgeModel(2, gamma=0, zeta=0)
-    assert halo(full, 10) == 2 * 2 * 10 + 1 and halo(corners, 10) == 2 * 1 * 10 + 1
-    assert halo(full, 10, method="icm") == 2 * 6 * 10 + 1
-    assert halo(full, 10, method="icm", integrated=True) == 2 * 8 * 10 + 1
+    assert halo(full, Search(rounds=10)) == 2 * 2 * 10 + 1 and halo(corners, Search(rounds=10)) == 2 * 1 * 10 + 1
+    assert halo(full, Search("icm", 10)) == 2 * 6 * 10 + 1
+    assert halo(full, Search("icm", 10), integrated=True) == 2 * 8 * 10 + 1
     near = neighbourhoods(full, integrated=True)
     assert [len(near.neighbours[field]) for field in (X, H, V)] == [8, 14, 14]
     for field, neighbours in enumerate(near.neighbours):
         for other, i, j in neighbours:
             assert (field, -i, -j) in near.neighbours[other]
     with pytest.raises(ValueError, match="whole raster"):
-        halo(full, method="serial")
+        halo(full, Search("serial"))
+    with pytest.raises(ValueError, match="between labels"):
+        halo(full, Search("messages"))
 
 
 def test_ties_and_draws_depend_on_the_place() -> None:
     _, x = scene(40, 40, 2, seed=8)
     for method in ("parallel", "annealing"):
-        here, there = (line_field(x, EdgeModel(2), method=method, origin=at).horizontal for at in ((0, 0), (1, 0)))
+        here, there = (
+            line_field(x, EdgeModel(2), search=Search(method), origin=at).horizontal for at in ((0, 0), (1, 0))
+        )
         assert not np.array_equal(here, there)
-    seeds = [line_field(x, EdgeModel(2), method="annealing", annealing=Annealing(seed=s)).vertical for s in (0, 1)]
+    seeds = [
+        line_field(x, EdgeModel(2), search=Search("annealing", annealing=Annealing(seed=s))).vertical for s in (0, 1)
+    ]
     assert not np.array_equal(*seeds)
 
 
 def test_unresolved_sites_are_counted_in_the_core_alone() -> None:
     _, x = scene(40, 40, 3, seed=9)
-    whole = line_field(x, EdgeModel(3), rounds=1)
-    halves = [line_field(x, EdgeModel(3), rounds=1, core=np.s_[part, :]) for part in (slice(0, 17), slice(17, None))]
+    whole = line_field(x, EdgeModel(3), search=Search(rounds=1))
+    halves = [
+        line_field(x, EdgeModel(3), search=Search(rounds=1), core=np.s_[part, :])
+        for part in (slice(0, 17), slice(17, None))
+    ]
     assert whole.unresolved == halves[0].unresolved + halves[1].unresolved > 0 < halves[0].unresolved
     assert set(np.unique(whole.horizontal)) == {0, 1}
 
@@ -311,7 +314,5 @@ def test_bad_input_is_named() -> None:
         line_field(x[0], EdgeModel(2))
     with pytest.raises(ValueError, match="0 to 1"):
         line_field(x + 2, EdgeModel(2))
-    with pytest.raises(ValueError, match="rounds"):
-        line_field(x, EdgeModel(2), rounds=0)
-    with pytest.raises(ValueError, match="method"):
-        coupled_fields(x, EdgeModel(2), method="swaps")  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="between labels"):
+        coupled_fields(x, EdgeModel(2), search=Search("messages"))

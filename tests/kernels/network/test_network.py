@@ -10,24 +10,25 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.kernels.network.one_array import prune_skeleton, trace_lines
 from tests.kernels.network.test_tracing import drawing, pixel_graphs
 from tests.naive.network import tracing as naive
-from tilepipe_kernels.network.build import LineBatch, Network, NetworkRules, build_network, iterate_lines
+from tilepipe_kernels.core.polylines import Polylines
+from tilepipe_kernels.network.build import LineBatch, Network, build_network, iterate_lines
+from tilepipe_kernels.network.cleaning import Cleaning, raster_border
 from tilepipe_kernels.network.fragment_table import summarise
-from tilepipe_kernels.network.one_array import prune_skeleton, trace_lines
-from tilepipe_kernels.network.rules import raster_border
 from tilepipe_kernels.network.skeleton import skeleton_links
 from tilepipe_kernels.network.tracing import trace
 
 NETWORK_FIELDS = ("start", "end", "length", "node_pixel", "node_xy", "node_degree")
-BATCH_FIELDS = ("line", "start", "end", "offsets", "xy", "pixel")
+BATCH_FIELDS = ("line", "start", "end", "pixel")
 
 
 def tiled(
     links: np.ndarray,
     row_cuts: list[int],
     column_cuts: list[int],
-    rules: NetworkRules,
+    cleaning: Cleaning,
     seed: int = 0,
     batch_points: int = 10**6,
 ) -> tuple[Network, list[LineBatch]]:
@@ -45,7 +46,7 @@ def tiled(
     tiles = [tiles[i] for i in np.random.default_rng(seed).permutation(len(tiles))]
     tables = [summarise(fragments, links.shape[1], values["response"]) for fragments, values in tiles]
     border = raster_border(links.shape)
-    network = build_network(tables, links.shape[1], tiles.__getitem__, rules, border)
+    network = build_network(tables, links.shape[1], tiles.__getitem__, cleaning, border)
     return network, list(iterate_lines(network, tiles.__getitem__, batch_points))
 
 
@@ -69,8 +70,8 @@ def walks(seed: int, shape: tuple[int, int]) -> np.ndarray:
 
 
 @st.composite
-def rules(draw: st.DrawFn) -> NetworkRules:
-    return NetworkRules(
+def cleanings(draw: st.DrawFn) -> Cleaning:
+    return Cleaning(
         high=draw(st.sampled_from([None, 0.6, 0.95])),
         through_junctions=draw(st.booleans()),
         contraction=draw(st.sampled_from([0.0, 1.0, 2.0, 3.5])),
@@ -95,20 +96,21 @@ def cuts(size: int) -> st.SearchStrategy[list[int]]:
 
 
 @settings(max_examples=150, deadline=None)
-@given(pixel_graphs() | street_links(), rules(), st.data())
-def test_the_tiling_is_invisible(links: np.ndarray, rules: NetworkRules, data: st.DataObject) -> None:
-    whole, (*batches,) = tiled(links, [], [], rules)
+@given(pixel_graphs() | street_links(), cleanings(), st.data())
+def test_the_tiling_is_invisible(links: np.ndarray, cleaning: Cleaning, data: st.DataObject) -> None:
+    whole, (*batches,) = tiled(links, [], [], cleaning)
     row_cuts, column_cuts = data.draw(cuts(links.shape[0])), data.draw(cuts(links.shape[1]))
-    other, pieces = tiled(links, row_cuts, column_cuts, rules, seed=1, batch_points=data.draw(st.integers(1, 60)))
+    other, pieces = tiled(links, row_cuts, column_cuts, cleaning, seed=1, batch_points=data.draw(st.integers(1, 60)))
     for name in NETWORK_FIELDS:
         np.testing.assert_array_equal(getattr(whole, name), getattr(other, name), err_msg=name)
     assert sum(map(len, (b.line for b in pieces))) == len(whole)
     for batch in batches:
-        for name in set(BATCH_FIELDS) - {"offsets"}:
+        for name in BATCH_FIELDS:
             found = np.concatenate([getattr(piece, name) for piece in pieces])
             np.testing.assert_array_equal(getattr(batch, name), found, err_msg=name)
-        sizes = np.concatenate([np.diff(piece.offsets) for piece in pieces])
-        np.testing.assert_array_equal(np.diff(batch.offsets), sizes)
+        polylines = Polylines.concatenated([piece.polylines for piece in pieces])
+        np.testing.assert_array_equal(batch.polylines.offsets, polylines.offsets)
+        np.testing.assert_array_equal(batch.polylines.vertices, polylines.vertices)
         response = np.concatenate([piece.attributes["response"] for piece in pieces])
         np.testing.assert_array_equal(batch.attributes["response"], response)
 
@@ -124,10 +126,10 @@ LOOPS = {
 @pytest.mark.parametrize("text", LOOPS.values(), ids=LOOPS)
 @pytest.mark.parametrize("minimum", [0.0, 1.5])
 def test_loops_have_one_start_and_direction_wherever_they_are_cut(text: str, minimum: float) -> None:
-    links, rules = skeleton_links(drawing(text)), NetworkRules(minimum_branch=minimum)
-    whole, (lines,) = tiled(links, [], [], rules)
+    links, cleaning = skeleton_links(drawing(text)), Cleaning(minimum_branch=minimum)
+    whole, (lines,) = tiled(links, [], [], cleaning)
     for row, column, seed in product(range(1, links.shape[0]), range(1, links.shape[1]), range(3)):
-        cut, (others,) = tiled(links, [row], [column], rules, seed)
+        cut, (others,) = tiled(links, [row], [column], cleaning, seed)
         np.testing.assert_array_equal(cut.node_pixel, whole.node_pixel)
         np.testing.assert_array_equal(others.pixel, lines.pixel)
 
@@ -138,9 +140,9 @@ def test_a_ring_of_dissolved_nodes_starts_at_the_lowest_of_them() -> None:
 
 
 @settings(max_examples=150, deadline=None)
-@given(street_links(), rules())
-def test_every_network_is_a_valid_graph(links: np.ndarray, rules: NetworkRules) -> None:
-    network, batches = tiled(links, [5], [7], rules)
+@given(street_links(), cleanings())
+def test_every_network_is_a_valid_graph(links: np.ndarray, cleaning: Cleaning) -> None:
+    network, batches = tiled(links, [5], [7], cleaning)
     ends = np.concatenate([network.start, network.end])
     np.testing.assert_array_equal(np.bincount(ends, minlength=len(network.node_pixel) + 1)[1:], network.node_degree)
     assert np.all(network.start <= network.end)
@@ -150,19 +152,18 @@ def test_every_network_is_a_valid_graph(links: np.ndarray, rules: NetworkRules) 
         (line,) = np.flatnonzero((network.start == node) | (network.end == node))
         assert network.start[line] == network.end[line]
     for batch in batches:
-        assert np.all(np.diff(batch.offsets) >= 2)
-        first, last = batch.offsets[:-1], batch.offsets[1:] - 1
-        np.testing.assert_array_equal(batch.xy[first], network.node_xy[batch.start - 1])
-        np.testing.assert_array_equal(batch.xy[last], network.node_xy[batch.end - 1])
+        assert np.all(batch.polylines.sizes >= 2)
+        np.testing.assert_array_equal(batch.polylines.first, network.node_xy[batch.start - 1])
+        np.testing.assert_array_equal(batch.polylines.last, network.node_xy[batch.end - 1])
     degree = network.node_degree
     free = (degree == 1) & ~raster_border(links.shape)(network.node_pixel)
     for one, other in ((network.start, network.end), (network.end, network.start)):
         hanging = free[one - 1] & (degree[other - 1] >= 3)
-        assert np.all(network.length[hanging] >= rules.minimum_branch)
+        assert np.all(network.length[hanging] >= cleaning.minimum_branch)
     graph = networkx.MultiGraph()
     graph.add_weighted_edges_from(zip(network.start, network.end, network.length, strict=True))
     for component in networkx.connected_components(graph):
-        assert graph.subgraph(component).size("weight") >= rules.minimum_length - 1e-9
+        assert graph.subgraph(component).size("weight") >= cleaning.minimum_length - 1e-9
 
 
 @settings(max_examples=150, deadline=None)
@@ -178,17 +179,19 @@ def test_unchanged_lines_are_those_of_brute_force(links: np.ndarray) -> None:
 @settings(max_examples=150, deadline=None)
 @given(pixel_graphs() | street_links(), st.sampled_from([2.0, 3.0, 5.0, 8.0, 15.0]))
 def test_pruned_lines_are_those_of_brute_force(links: np.ndarray, minimum: float) -> None:
-    _, lines = trace_lines(links, NetworkRules(minimum_branch=minimum))
+    _, lines = trace_lines(links, Cleaning(minimum_branch=minimum))
     expected = naive.prune(naive.lines(naive.neighbours(links)), minimum, links.shape[1])
     assert {naive.lowest_form(line) for line in points(lines)} == expected
 
 
 def points(lines: LineBatch) -> list[tuple[int, ...]]:
-    return [tuple(chain.tolist()) for chain in np.split(lines.pixel, lines.offsets[1:-1])][: len(lines.line)]
+    return [tuple(chain.tolist()) for chain in np.split(lines.pixel, lines.polylines.offsets[1:-1])][: len(lines.line)]
 
 
-def network_of(text: str, response: np.ndarray | None = None, **rules: float) -> tuple[Network, list[tuple[int, ...]]]:
-    network, lines = trace_lines(skeleton_links(drawing(text)), NetworkRules(**rules), response)
+def network_of(
+    text: str, response: np.ndarray | None = None, **cleaning: float
+) -> tuple[Network, list[tuple[int, ...]]]:
+    network, lines = trace_lines(skeleton_links(drawing(text)), Cleaning(**cleaning), response)
     return network, points(lines)
 
 
@@ -198,7 +201,7 @@ def test_hysteresis_keeps_what_a_strong_point_reaches() -> None:
     response[0, 0] = 3
     assert len(network_of(text, response, high=3.0)[0]) == 3
     assert len(network_of(text, response, high=3.5)[0]) == 0
-    alone, _ = trace_lines(skeleton_links(drawing(text)), NetworkRules(high=3, through_junctions=False), response)
+    alone, _ = trace_lines(skeleton_links(drawing(text)), Cleaning(high=3, through_junctions=False), response)
     assert alone.node_pixel.tolist() == [0, 4]
 
 
@@ -261,8 +264,8 @@ def test_the_longest_of_short_branches_stays() -> None:
 def test_lines_cut_off_by_the_border_do_not_dangle() -> None:
     text = "..#.... ..#.... ..#.... #######"
     links = skeleton_links(drawing(text))
-    inside, _ = trace_lines(links, NetworkRules(minimum_branch=5.0))
-    border, _ = trace_lines(links, NetworkRules(minimum_branch=5.0), on_border=raster_border(links.shape))
+    inside, _ = trace_lines(links, Cleaning(minimum_branch=5.0))
+    border, _ = trace_lines(links, Cleaning(minimum_branch=5.0), on_border=raster_border(links.shape))
     assert (len(inside), len(border)) == (1, 3)
 
 
@@ -280,7 +283,7 @@ def test_pruned_skeleton() -> None:
 
 
 def test_a_raster_without_lines_gives_an_empty_network() -> None:
-    every = NetworkRules(0.5, True, 2.0, 5.0, 30.0, 10, 5.0, 5.0)
+    every = Cleaning(0.5, True, 2.0, 5.0, 30.0, 10, 5.0, 5.0)
     network, batches = tiled(np.zeros((4, 5), np.uint8), [2], [], every)
     assert (len(network), batches, network.node_xy.shape) == (0, [], (0, 2))
 
@@ -291,6 +294,6 @@ def test_a_missing_tile_and_senseless_rules_are_refused() -> None:
     with pytest.raises(ValueError, match="crosses a seam"):
         build_network([summarise(half, 4)], 4, lambda tile: (half, {}))
     with pytest.raises(ValueError, match="maximum_angle"):
-        NetworkRules(maximum_angle=90.0)
+        Cleaning(maximum_angle=90.0)
     with pytest.raises(ValueError, match="minimum_branch"):
-        NetworkRules(minimum_branch=-1.0)
+        Cleaning(minimum_branch=-1.0)

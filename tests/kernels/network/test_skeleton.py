@@ -17,6 +17,7 @@ from skimage import morphology as reference
 from tests.naive.network import skeleton as naive
 from tilepipe_kernels.image import distance, morphology
 from tilepipe_kernels.network import skeleton
+from tilepipe_kernels.network.neighbours import IS_SIMPLE, NEIGHBOURS
 
 Mask = NDArray[np.bool_]
 
@@ -96,7 +97,7 @@ def test_array_border_is_neither_foreground_nor_background() -> None:
 def test_tables_match_the_definition_on_all_neighbourhoods() -> None:
     for code in range(256):
         neighbours = tuple(code >> k & 1 for k in range(8))
-        assert skeleton.IS_SIMPLE[code] == naive.is_simple(neighbours), neighbours
+        assert IS_SIMPLE[code] == naive.is_simple(neighbours), neighbours
 
 
 @settings(max_examples=15, deadline=None)
@@ -301,7 +302,7 @@ def test_links_are_mixed_adjacency(name: str) -> None:
     axis = skeleton.medial_axis(MASKS[name](), cap=9)
     links = skeleton.skeleton_links(axis)
     np.testing.assert_array_equal(links, naive.links(axis))
-    for k, (row, column) in enumerate(skeleton.NEIGHBOURS):
+    for k, (row, column) in enumerate(NEIGHBOURS):
         there = np.roll(links, (-row, -column), (0, 1))
         assert not ((links >> k & 1) & ~(there >> (k + 4) % 8 & 1)).any()
 

@@ -1,4 +1,4 @@
-"""Nevatia & Babu: masks, edge elements, links and segments against brute force, and on drawn shapes."""
+"""Nevatia & Babu: masks, edge elements, links and chains against brute force, and on drawn shapes."""
 
 from __future__ import annotations
 
@@ -12,16 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.naive.nevatia_babu import nevatia_babu as naive
+from tilepipe_kernels.core.polylines import Polylines
 from tilepipe_kernels.network.tracing import COLUMN_STEP, ROW_STEP
-from tilepipe_kernels.nevatia_babu.elements import (
-    MASKS,
-    NO_DIRECTION,
-    STEP_RESPONSE,
-    count_magnitudes,
-    edge_responses,
-    thin_edges,
-    threshold_from_histogram,
-)
+from tilepipe_kernels.nevatia_babu.elements import count_magnitudes, thin_edges, threshold_from_histogram
 from tilepipe_kernels.nevatia_babu.links import (
     NO_LINK,
     PREDECESSOR,
@@ -34,8 +27,9 @@ from tilepipe_kernels.nevatia_babu.links import (
     join_elements,
     link_elements,
 )
-from tilepipe_kernels.nevatia_babu.tracing import straight_lines, trace_segments
-from tilepipe_kernels.polylines.end_point_fit import fit_lines
+from tilepipe_kernels.nevatia_babu.masks import MASKS, NO_DIRECTION, STEP_RESPONSE, edge_responses
+from tilepipe_kernels.nevatia_babu.tracing import trace_chains
+from tilepipe_kernels.polylines.end_point_fit import fit_polylines
 
 
 def scene(rows: int, columns: int, seed: int, levels: int, missing: float) -> np.ndarray:
@@ -141,7 +135,7 @@ def test_no_edge_where_nodata_lies_under_the_masks() -> None:
     assert np.isfinite(magnitude[2:-2, 2:-2]).sum() == 27 * 27 - 25 - 16
 
 
-# ------------------------------------------------------------------------------------------------- links, segments
+# ------------------------------------------------------------------------------------------------- links, chains
 
 
 def links_by_pixel(table: EdgeElements) -> dict[tuple[int, int], tuple[list[Any], list[Any]]]:
@@ -162,9 +156,9 @@ def assert_linked_and_traced_as_by_brute_force(magnitude: np.ndarray, elements: 
     }
     links = naive.link(expected)
     assert links_by_pixel(table) == links
-    segments = trace_segments(table)
-    vertices = np.split(segments.vertices(table), segments.offsets[1:-1])
-    found = [(int(k), [(int(r), int(c)) for r, c in line]) for k, line in zip(segments.stage, vertices, strict=False)]
+    chains = trace_chains(table)
+    lines = chains.polylines(table)
+    found = [(int(k), [(int(r), int(c)) for r, c in line]) for k, line in zip(chains.stage, lines, strict=True)]
     assert found == naive.trace(links)
 
 
@@ -176,7 +170,7 @@ def swirl(rows: int, columns: int) -> np.ndarray:
 
 @settings(max_examples=150, deadline=None)
 @given(st.integers(0, 9999), st.sampled_from([0.2, 0.5, 0.9]), st.sampled_from([1, 2, 12]), st.booleans())
-def test_links_and_segments_are_those_of_brute_force(seed: int, part: float, spread: int, rings: bool) -> None:
+def test_links_and_chains_are_those_of_brute_force(seed: int, part: float, spread: int, rings: bool) -> None:
     random = np.random.default_rng(seed)
     shape = random.integers(1, 13, 2)
     turn = swirl(*shape) if rings else np.full(shape, random.integers(12))
@@ -202,7 +196,7 @@ def test_tiles_give_the_table_of_the_whole_raster(image: np.ndarray, size: int, 
     joined, whole = join_elements(parts[::-1]), find_elements(image, 50.0)
     for name in ("pixel", "direction", "magnitude", "links"):
         np.testing.assert_array_equal(getattr(joined, name), getattr(whole, name))
-    one, other = trace_segments(joined), trace_segments(whole)
+    one, other = trace_chains(joined), trace_chains(whole)
     np.testing.assert_array_equal(one.members, other.members)
     np.testing.assert_array_equal(one.offsets, other.offsets)
 
@@ -224,21 +218,21 @@ def disc(radius: float, size: int) -> np.ndarray:
 @pytest.mark.parametrize("sign", [1, -1])
 def test_a_disc_is_one_closed_ring(sign: int) -> None:
     table = find_elements(sign * disc(20, 60), 20000)
-    segments = trace_segments(table)
-    assert len(segments) == 1
-    assert segments.stage[0] == 3
-    assert segments.members[0] == segments.members[-1]
-    assert len(segments.members) == len(table) + 1
-    assert abs(np.diff(segments.vertices(table), axis=0)).max() == 1
-    rows, columns = (segments.vertices(table) - 29.75).T
+    chains = trace_chains(table)
+    assert len(chains) == 1
+    assert chains.stage[0] == 3
+    assert chains.members[0] == chains.members[-1]
+    assert len(chains.members) == len(table) + 1
+    assert abs(np.diff(chains.polylines(table).vertices, axis=0)).max() == 1
+    rows, columns = (chains.polylines(table).vertices - 29.75).T
     area = (rows[:-1] * columns[1:] - rows[1:] * columns[:-1]).sum() / 2
     # Bright side on the left: counterclockwise round a bright disc, that is negative with rows downward.
     assert area * sign > 0.9 * np.pi * 400
-    offsets, vertices = straight_lines(table, segments, 1.0)
-    np.testing.assert_array_equal(vertices[0], vertices[-1])
-    assert 8 <= offsets[-1] <= 20
-    assert np.hypot(*np.diff(vertices, axis=0).T).sum() == pytest.approx(2 * np.pi * 20, rel=0.05)
-    assert segments.mean_magnitudes(table)[0] == pytest.approx(table.magnitude.mean(), rel=0.01)
+    line = fit_polylines(chains.polylines(table), 1.0)
+    assert line.closed.tolist() == [True]
+    assert 8 <= line.sizes[0] <= 20
+    assert line.lengths()[0] == pytest.approx(2 * np.pi * 20, rel=0.05)
+    assert chains.mean_magnitudes(table)[0] == pytest.approx(table.magnitude.mean(), rel=0.01)
 
 
 @pytest.mark.parametrize("turn", [5, 17, 40])
@@ -247,28 +241,27 @@ def test_the_sides_of_a_square_become_straight_lines(turn: int) -> None:
     sides = [columns * np.cos(a) - rows * np.sin(a) for a in np.radians(turn + np.arange(0, 360, 90))]
     image = (100 * np.clip(40.25 - np.max(sides, axis=0), 0, 1)).astype(np.float32)
     table = find_elements(image, 50000)
-    segments = trace_segments(table)
-    offsets, vertices = straight_lines(table, segments, 1.5)
-    lines = [np.hypot(*np.diff(line, axis=0).T) for line in np.split(vertices, offsets[1:-1])]
+    chains = trace_chains(table)
+    lines = [np.hypot(*np.diff(line, axis=0).T) for line in fit_polylines(chains.polylines(table), 1.5)]
     long = [length for line in lines for length in line if length > 15]
     # The masks cut the corners of a square off.
     assert len(long) == 4
     assert all(68 <= length <= 81 for length in long), long
 
 
-def test_lone_elements_form_no_segment_and_a_lost_neighbour_is_named() -> None:
+def test_lone_elements_form_no_chain_and_a_lost_neighbour_is_named() -> None:
     elements = np.full((4, 4), NO_DIRECTION, np.uint8)
     elements[1, 1] = 3
     magnitude = np.ones((4, 4), np.float32)
-    segments = trace_segments(link_elements(magnitude, elements))
-    assert (len(segments), segments.members.size) == (0, 0)
-    assert segments.mean_magnitudes(link_elements(magnitude, elements)).size == 0
-    assert straight_lines(link_elements(magnitude, elements), segments, 1)[0].tolist() == [0]
+    chains = trace_chains(link_elements(magnitude, elements))
+    assert (len(chains), chains.members.size) == (0, 0)
+    assert chains.mean_magnitudes(link_elements(magnitude, elements)).size == 0
+    assert len(fit_polylines(chains.polylines(link_elements(magnitude, elements)), 1)) == 0
     elements[1, 2] = 3
     left = link_elements(magnitude, elements, (0, 4, 0, 2), width=4)
     assert len(left) == 1
     with pytest.raises(ValueError, match=r"pixel \(1, 1\) leads to no edge element"):
-        trace_segments(left)
+        trace_chains(left)
 
 
 # ------------------------------------------------------------------------------------------------- threshold, fit
@@ -299,8 +292,7 @@ def test_no_vertex_is_farther_from_its_straight_line_than_the_tolerance(seed: in
     random = np.random.default_rng(seed)
     line = np.stack([random.integers(-2, 3, 40).cumsum(), np.arange(40)], axis=1)[: random.integers(4, 40)]
     line = np.concatenate([line, line[:1]]) if closed else line
-    offsets, vertices = fit_lines(np.array([0, len(line)]), line, limit)
-    assert offsets.tolist() == [0, len(vertices)]
+    (vertices,) = fit_polylines(Polylines(np.array([0, len(line)]), line), limit)
     np.testing.assert_array_equal(vertices[[0, -1]], line[[0, -1]])
     # All vertices differ but the two ends of a ring: each is found where it was.
     places = [int(np.flatnonzero((line == vertex).all(axis=1))[0]) for vertex in vertices[:-1]] + [len(line) - 1]
@@ -325,8 +317,8 @@ def test_no_vertex_is_farther_from_its_straight_line_than_the_tolerance(seed: in
         (lambda: join_elements([]), "no edge elements to join"),
         (lambda: join_elements([find_elements(half_plane(0), 0)] * 2), "stands in two tables"),
         (lambda: join_elements([find_elements(np.eye(k), 0) for k in (5, 6)]), "different width"),
-        (lambda: fit_lines(np.array([0, 1]), np.zeros((1, 2)), 1), "fewer than two vertices"),
-        (lambda: fit_lines(np.array([0, 2]), np.zeros((2, 2)), -1), "tolerance"),
+        (lambda: fit_polylines(Polylines(np.array([0, 1]), np.zeros((1, 2))), 1), "fewer than two vertices"),
+        (lambda: fit_polylines(Polylines(np.array([0, 2]), np.zeros((2, 2))), -1), "tolerance"),
     ],
 )
 def test_bad_input_is_named(call: Any, message: str) -> None:

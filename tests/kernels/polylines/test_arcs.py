@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from tests.naive.polylines.arcs import arcs as naive_arcs
 from tilepipe.tiling.grid import TileGrid
-from tilepipe_kernels.polylines.arcs import ArcPieces, halo, trace_arcs
+from tilepipe_kernels.polylines.arcs import ArcFragments, halo, trace_arcs
 from tilepipe_kernels.polylines.join import Arcs, join_arcs
 
 
@@ -27,35 +27,34 @@ def label_images(draw: st.DrawFn) -> np.ndarray:
     return labels.repeat(coarse, 0).repeat(coarse, 1)[: shape[0], : shape[1]].astype(np.int32)
 
 
-def tiled_pieces(labels: np.ndarray, tile: tuple[int, int]) -> list[ArcPieces]:
-    pieces = []
+def tiled_fragments(labels: np.ndarray, tile: tuple[int, int]) -> list[ArcFragments]:
+    fragments = []
     for one in TileGrid(labels.shape, tile).tiles(halo=halo()):
         block = labels[one.padded.slices]
-        pieces.append(trace_arcs(block, one.core_in_padded.as_tuple(), one.padded.origin))
-    return pieces
+        fragments.append(trace_arcs(block, one.core_in_padded.as_tuple(), one.padded.origin))
+    return fragments
 
 
-def tuples(arcs: Arcs | ArcPieces) -> list[tuple]:
-    chains = np.split(arcs.vertices, arcs.offsets[1:-1]) if len(arcs) else []
-    points = [tuple(map(tuple, chain.tolist())) for chain in chains]
+def tuples(arcs: Arcs | ArcFragments) -> list[tuple]:
+    points = [tuple(map(tuple, vertices.tolist())) for vertices in arcs]
     return list(zip(points, arcs.left.tolist(), arcs.right.tolist(), strict=True))
 
 
 @settings(max_examples=100, deadline=None)
 @given(label_images())
 def test_whole_raster_gives_the_arcs_of_brute_force(labels: np.ndarray) -> None:
-    pieces = trace_arcs(labels)
-    assert sorted(tuples(pieces)) == sorted(naive_arcs(labels))
-    assert not pieces.cut.any()
-    assert tuples(join_arcs([pieces])) == naive_arcs(labels)
+    fragments = trace_arcs(labels)
+    assert sorted(tuples(fragments)) == sorted(naive_arcs(labels))
+    assert not fragments.cut.any()
+    assert tuples(join_arcs([fragments])) == naive_arcs(labels)
 
 
 @settings(max_examples=100, deadline=None)
 @given(label_images(), st.integers(1, 6), st.integers(1, 6), st.randoms())
 def test_tiling_does_not_show(labels: np.ndarray, rows: int, columns: int, random: object) -> None:
-    pieces = tiled_pieces(labels, (rows, columns))
-    random.shuffle(pieces)  # type: ignore[attr-defined]
-    tiled, whole = join_arcs(pieces), join_arcs([trace_arcs(labels)])
+    fragments = tiled_fragments(labels, (rows, columns))
+    random.shuffle(fragments)  # type: ignore[attr-defined]
+    tiled, whole = join_arcs(fragments), join_arcs([trace_arcs(labels)])
     for name in ("offsets", "vertices", "left", "right"):
         one, other = getattr(tiled, name), getattr(whole, name)
         assert one.dtype == other.dtype and one.tobytes() == other.tobytes()
@@ -63,7 +62,7 @@ def test_tiling_does_not_show(labels: np.ndarray, rows: int, columns: int, rando
 
 def test_ring_over_four_tiles_starts_at_its_lowest_corner() -> None:
     labels = drawing("....  .AA.  .AA.  ....")
-    assert tuples(join_arcs(tiled_pieces(labels, (2, 2)))) == [(((1, 1), (3, 1), (3, 3), (1, 3), (1, 1)), 1, 0)]
+    assert tuples(join_arcs(tiled_fragments(labels, (2, 2)))) == [(((1, 1), (3, 1), (3, 3), (1, 3), (1, 1)), 1, 0)]
 
 
 def test_ids_beyond_int32_and_lengths_of_arcs() -> None:
@@ -75,7 +74,7 @@ def test_ids_beyond_int32_and_lengths_of_arcs() -> None:
 
 
 def test_raster_without_regions_has_no_arcs() -> None:
-    arcs = join_arcs(tiled_pieces(np.zeros((4, 4), np.int32), (2, 2)))
+    arcs = join_arcs(tiled_fragments(np.zeros((4, 4), np.int32), (2, 2)))
     assert len(arcs) == 0 and arcs.vertices.shape == (0, 2) and arcs.lengths().size == 0
 
 
@@ -85,6 +84,6 @@ def test_bad_input_is_named() -> None:
     with pytest.raises(ValueError, match="not a window"):
         trace_arcs(np.zeros((2, 2), np.int32), core=(0, 3, 0, 2))
     with pytest.raises(ValueError, match="every tile once"):
-        join_arcs(tiled_pieces(np.ones((4, 4), np.int32), (2, 2))[1:])
+        join_arcs(tiled_fragments(np.ones((4, 4), np.int32), (2, 2))[1:])
     with pytest.raises(ValueError, match="at least one tile"):
         join_arcs([])

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from tests.naive.polylines.arcs import STEPS, turns
 from tilepipe.tiling.grid import TileGrid
-from tilepipe_kernels.polylines.crack_lines import TICKS, LinePieces, halo, trace_lines
-from tilepipe_kernels.polylines.join import Lines, join_lines
+from tilepipe_kernels.polylines.crack_lines import TICKS, CrackLineFragments, halo, trace_crack_lines
+from tilepipe_kernels.polylines.join import CrackLines, join_crack_lines
 
 Fields = tuple[np.ndarray, np.ndarray, np.ndarray]
 Corner = tuple[int, int]
@@ -70,35 +70,34 @@ def line_fields(draw: st.DrawFn) -> Fields:
     return h, v, random.normal(0, 3, shape).astype(np.float32)
 
 
-def tiled_pieces(fields: Fields, tile: tuple[int, int]) -> list[LinePieces]:
-    pieces = []
+def tiled_fragments(fields: Fields, tile: tuple[int, int]) -> list[CrackLineFragments]:
+    fragments = []
     for one in TileGrid(fields[0].shape, tile).tiles(halo=halo()):
         blocks = (field[one.padded.slices] for field in fields)
-        pieces.append(trace_lines(*blocks, one.core_in_padded.as_tuple(), one.padded.origin))
-    return pieces
+        fragments.append(trace_crack_lines(*blocks, one.core_in_padded.as_tuple(), one.padded.origin))
+    return fragments
 
 
-def tuples(lines: Lines | LinePieces) -> list[tuple]:
-    chains = np.split(lines.vertices, lines.offsets[1:-1]) if len(lines) else []
-    points = [tuple(map(tuple, chain.tolist())) for chain in chains]
+def tuples(lines: CrackLines | CrackLineFragments) -> list[tuple]:
+    points = [tuple(map(tuple, vertices.tolist())) for vertices in lines]
     return list(zip(points, lines.contrast.tolist(), lines.step.tolist(), strict=True))
 
 
 @settings(max_examples=80, deadline=None)
 @given(line_fields())
 def test_whole_raster_gives_the_lines_of_brute_force(fields: Fields) -> None:
-    pieces = trace_lines(*fields)
-    assert not pieces.cut.any()
-    assert sorted(tuples(pieces)) == sorted(naive_lines(*fields))
-    assert tuples(join_lines([pieces])) == naive_lines(*fields)
+    fragments = trace_crack_lines(*fields)
+    assert not fragments.cut.any()
+    assert sorted(tuples(fragments)) == sorted(naive_lines(*fields))
+    assert tuples(join_crack_lines([fragments])) == naive_lines(*fields)
 
 
 @settings(max_examples=80, deadline=None)
 @given(line_fields(), st.integers(1, 6), st.integers(1, 6), st.randoms())
 def test_tiling_does_not_show(fields: Fields, rows: int, columns: int, random: object) -> None:
-    pieces = tiled_pieces(fields, (rows, columns))
-    random.shuffle(pieces)  # type: ignore[attr-defined]
-    tiled, whole = join_lines(pieces), join_lines([trace_lines(*fields)])
+    fragments = tiled_fragments(fields, (rows, columns))
+    random.shuffle(fragments)  # type: ignore[attr-defined]
+    tiled, whole = join_crack_lines(fragments), join_crack_lines([trace_crack_lines(*fields)])
     for name in ("offsets", "vertices", "contrast", "step"):
         one, other = getattr(tiled, name), getattr(whole, name)
         assert one.dtype == other.dtype and one.tobytes() == other.tobytes()
@@ -110,7 +109,7 @@ def test_junctions_and_loose_ends_part_lines() -> None:
     h[1, :5] = 1
     v[2, 2] = 1
     y = np.where(np.arange(4)[:, None] < 2, 0, 1.5).repeat(6, 1)
-    lines = tuples(trace_lines(h, v, y, origin=(10, 20)))
+    lines = tuples(trace_crack_lines(h, v, y, origin=(10, 20)))
     junction = (12, 23)
     expected = [((12, 20), junction), (junction, (13, 23)), (junction, (12, 25))]
     assert [points for points, _, _ in lines] == expected
@@ -123,16 +122,18 @@ def test_the_step_is_of_the_left_side_over_the_right() -> None:
     h[0, 1] = h[1, 1] = v[1, 0] = v[1, 1] = 1
     y = np.zeros((3, 3))
     y[1, 1] = 2.5
-    (ring,) = [join_lines([trace_lines(h, v, y)])]
+    (ring,) = [join_crack_lines([trace_crack_lines(h, v, y)])]
     assert len(ring) == 1 and ring.step[0] == ring.contrast[0] == 4 * 2.5 * TICKS  # what a ring surrounds is left
-    (dark,) = [join_lines([trace_lines(h, v, -y)])]
+    (dark,) = [join_crack_lines([trace_crack_lines(h, v, -y)])]
     assert dark.step[0] == -dark.contrast[0]
-    below = join_lines([trace_lines(np.eye(1, 3, 1, dtype=np.uint8), np.zeros((1, 3), np.uint8), np.zeros((1, 3)))])
+    below = join_crack_lines(
+        [trace_crack_lines(np.eye(1, 3, 1, dtype=np.uint8), np.zeros((1, 3), np.uint8), np.zeros((1, 3)))]
+    )
     assert below.step[0] == 0
 
 
 def test_no_edges_make_no_lines() -> None:
-    lines = join_lines(tiled_pieces((*np.zeros((2, 5, 5), np.uint8), np.zeros((5, 5))), (2, 3)))
+    lines = join_crack_lines(tiled_fragments((*np.zeros((2, 5, 5), np.uint8), np.zeros((5, 5))), (2, 3)))
     assert len(lines) == 0 and lines.contrast.dtype == np.int64 and lines.lengths().size == 0
 
 
@@ -140,12 +141,12 @@ def test_bad_input_is_named() -> None:
     h, v = np.ones((2, 4, 4), np.uint8)
     y = np.zeros((4, 4))
     with pytest.raises(ValueError, match="vertical must be uint8 of the shape"):
-        trace_lines(h, v[:2], y)
+        trace_crack_lines(h, v[:2], y)
     with pytest.raises(ValueError, match="horizontal must be uint8"):
-        trace_lines(h.astype(int), v, y)
+        trace_crack_lines(h.astype(int), v, y)
     with pytest.raises(ValueError, match="not a window"):
-        trace_lines(h, v, y, core=(0, 5, 0, 1))
+        trace_crack_lines(h, v, y, core=(0, 5, 0, 1))
     h[:], v[:] = 0, np.arange(4) == 1
-    pieces = tiled_pieces((h, v, y), (2, 2))[2:]
+    fragments = tiled_fragments((h, v, y), (2, 2))[2:]
     with pytest.raises(ValueError, match="every tile once"):
-        join_lines(pieces)
+        join_crack_lines(fragments)

@@ -10,7 +10,7 @@ from tilepipe_kernels.polylines.arcs import trace_arcs
 from tilepipe_kernels.polylines.dissolve import dissolved
 from tilepipe_kernels.polylines.join import join_arcs
 from tilepipe_kernels.polylines.polygons import assemble_polygons
-from tilepipe_kernels.polylines.simplify import simplify_arcs
+from tilepipe_kernels.polylines.simplify import simplify_polylines
 
 shapely = pytest.importorskip("shapely")
 
@@ -37,7 +37,7 @@ def test_groups_are_those_of_dissolved_labels() -> None:
 def test_simplified_arcs_keep_the_borders_of_the_regions() -> None:
     labels, group = labels_and_groups()
     exact = join_arcs([trace_arcs(labels)])
-    simple = simplify_arcs(exact, 1.2)
+    simple = simplify_polylines(exact, 1.2)
     rings = assemble_polygons(dissolved(exact, group))
     _, found = region_polygons(rings, dissolved(simple, group))
     assert shapely.is_valid(found).all()

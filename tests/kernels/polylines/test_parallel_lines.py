@@ -9,19 +9,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tilepipe_kernels.core.polylines import Polylines
+from tilepipe_kernels.core.ragged import offsets_of
 from tilepipe_kernels.polylines.parallel_lines import LEFT, RIGHT, opposite_samples, sample_lines
 
 STEP = 2.0
 
 
 def lines(*parts):
-    """Offsets and vertices of polylines."""
-    offsets = np.cumsum([0, *map(len, parts)])
-    return offsets, np.concatenate([np.asarray(part, float) for part in parts])
+    """Polylines of vertices (row, column)."""
+    return Polylines(offsets_of([*map(len, parts)]), np.concatenate([np.asarray(part, float) for part in parts]))
 
 
 def seen_shares(parts, darker, **rules):
-    samples = sample_lines(*lines(*parts), STEP)
+    samples = sample_lines(lines(*parts), STEP)
     rules = {"step": STEP, "least": 4.0, "most": 25.0, "angle": 10.0} | rules
     found = opposite_samples(samples, np.array(darker, np.int8), **rules)
     return [(found.seen[samples.line == i] >= 0).mean(axis=0).tolist() for i in range(len(parts))], samples, found
@@ -31,7 +32,7 @@ UPPER, LOWER = [(0, 0), (0, 100)], [(10, 100), (10, 0)]
 
 
 def test_samples_stand_in_the_middle_of_even_parts():
-    samples = sample_lines(*lines([(0, 0), (0, 4), (3, 4)], [(5, 5), (5, 5.5)]), 2.0)
+    samples = sample_lines(lines([(0, 0), (0, 4), (3, 4)], [(5, 5), (5, 5.5)]), 2.0)
     assert samples.line.tolist() == [0, 0, 0, 0, 1]
     along = [0.875, 2.625, 4.375, 6.125]
     expected = [(max(0, a - 4), min(4, a)) for a in along]

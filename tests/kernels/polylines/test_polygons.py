@@ -11,12 +11,12 @@ from rasterio.features import rasterize
 from scipy.ndimage import gaussian_filter
 from scipy.ndimage import label as components
 
-from tests.kernels.polylines.test_arcs import drawing, label_images, tiled_pieces
+from tests.kernels.polylines.test_arcs import drawing, label_images, tiled_fragments
 from tilepipe.io.geometries import region_polygons
 from tilepipe_kernels.polylines.arcs import trace_arcs
 from tilepipe_kernels.polylines.join import Arcs, join_arcs
 from tilepipe_kernels.polylines.polygons import assemble_polygons
-from tilepipe_kernels.polylines.simplify import simplify_arcs
+from tilepipe_kernels.polylines.simplify import simplify_polylines
 
 IDENTITY = (1, 0, 0, 0, 1, 0)
 
@@ -81,7 +81,7 @@ def test_shells_are_counter_clockwise_with_north_up_and_borders_are_shared() -> 
 @settings(max_examples=50, deadline=None)
 @given(label_images(), st.integers(1, 6), st.integers(1, 6))
 def test_tiling_does_not_show(labels: np.ndarray, rows: int, columns: int) -> None:
-    tiled = join_arcs(tiled_pieces(labels, (rows, columns)))
+    tiled = join_arcs(tiled_fragments(labels, (rows, columns)))
     ids, geometries = region_polygons(assemble_polygons(tiled), tiled, IDENTITY)
     expected_ids, expected = polygons_of(labels)
     assert np.array_equal(ids, expected_ids)
@@ -97,7 +97,7 @@ def test_arcs_of_a_part_of_the_raster_are_refused() -> None:
 
 def test_simplified_arcs_are_refused() -> None:
     with pytest.raises(ValueError, match="simplify them afterwards"):
-        assemble_polygons(simplify_arcs(arcs_of(np.tri(5, dtype=np.int32)), 1))
+        assemble_polygons(simplify_polylines(arcs_of(np.tri(5, dtype=np.int32)), 1))
 
 
 # ------------------------------------------------------------------------------------------- simplification
@@ -118,7 +118,7 @@ def blobs(seed: int, size: int, regions: int) -> np.ndarray:
 def check_simplified(labels: np.ndarray, tolerance: float) -> tuple[Arcs, Arcs]:
     arcs = arcs_of(labels)
     rings = assemble_polygons(arcs)
-    simple = simplify_arcs(arcs, tolerance)
+    simple = simplify_polylines(arcs, tolerance)
     _, geometries = region_polygons(rings, simple, IDENTITY)
     assert shapely.is_valid(geometries).all() and shapely.coverage_is_valid(geometries)
     assert (shapely.area(geometries) > 0).all()
@@ -158,23 +158,23 @@ def test_holes_that_hang_on_a_corner_stay_inside(tolerance: float) -> None:
 def test_stairs_become_a_line_and_right_angles_stay() -> None:
     size = 12
     stairs = arcs_of(np.tri(size, dtype=np.int32) + 1)
-    simple = simplify_arcs(stairs, 0.75)
+    simple = simplify_polylines(stairs, 0.75)
     inner = (stairs.left != 0) & (stairs.right != 0)
     assert np.diff(stairs.offsets)[inner] == 2 * size - 1 and np.diff(simple.offsets)[inner] == 2
     square = np.zeros((6, 6), np.int32)
     square[1:5, 2:4] = 1
-    assert len(simplify_arcs(arcs_of(square), 0.75).vertices) == 5
-    assert len(simplify_arcs(arcs_of(np.ones((1, 1), np.int32)), 5).vertices) == 5
+    assert len(simplify_polylines(arcs_of(square), 0.75).vertices) == 5
+    assert len(simplify_polylines(arcs_of(np.ones((1, 1), np.int32)), 5).vertices) == 5
 
 
 def test_tolerance_is_in_the_unit_of_the_pixel_sizes() -> None:
     arcs = arcs_of(blobs(0, 40, 5))
-    one = simplify_arcs(arcs, 0.75)
-    half = simplify_arcs(arcs, 0.375, pixel_height=0.5, pixel_width=0.5)
+    one = simplify_polylines(arcs, 0.75)
+    half = simplify_polylines(arcs, 0.375, pixel_height=0.5, pixel_width=0.5)
     assert np.array_equal(one.vertices, half.vertices)
-    assert np.array_equal(simplify_arcs(arcs, 0).vertices, arcs.vertices)
+    assert np.array_equal(simplify_polylines(arcs, 0).vertices, arcs.vertices)
     with pytest.raises(ValueError, match="tolerance"):
-        simplify_arcs(arcs, -1)
+        simplify_polylines(arcs, -1)
 
 
 def test_a_thin_region_does_not_collapse() -> None:

@@ -9,13 +9,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter
 
-from tests.kernels.polylines.test_arcs import label_images, tiled_pieces
+from tests.kernels.polylines.test_arcs import label_images, tiled_fragments
 from tests.kernels.polylines.test_polygons import IDENTITY, arcs_of, blobs
 from tilepipe.io.geometries import region_polygons
 from tilepipe_kernels.polylines.join import Arcs, join_arcs
 from tilepipe_kernels.polylines.polygons import assemble_polygons
 from tilepipe_kernels.polylines.regularise.regularise import regularise_arcs
-from tilepipe_kernels.polylines.simplify import simplify_arcs
+from tilepipe_kernels.polylines.simplify import simplify_polylines
 
 
 def houses(angle: float, size: int = 90, walls: tuple[int, ...] = (-30, -8, 9, 30), seed: int = 0) -> np.ndarray:
@@ -43,7 +43,7 @@ def check_regularised(labels: np.ndarray, tolerance: float, regions: np.ndarray 
     ids, geometries = region_polygons(rings, regular, IDENTITY)
     assert shapely.is_valid(geometries).all() and shapely.coverage_is_valid(geometries)
     assert np.array_equal(ids, np.unique(labels[labels != 0]))
-    _, before = region_polygons(rings, simplify_arcs(exact, tolerance), IDENTITY)
+    _, before = region_polygons(rings, simplify_polylines(exact, tolerance), IDENTITY)
     assert np.array_equal(shapely.get_num_geometries(geometries), shapely.get_num_geometries(before))
     # what is moved lies near to where it was
     moved = shapely.hausdorff_distance(shapely.boundary(geometries), shapely.boundary(before))
@@ -68,7 +68,7 @@ def test_ragged_cells_with_islands_stay_a_coverage(tolerance: float) -> None:
         exact = arcs_of(labels)
         area, before = (
             shapely.area(region_polygons(assemble_polygons(exact), of, IDENTITY)[1])
-            for of in (arcs, simplify_arcs(exact, tolerance))
+            for of in (arcs, simplify_polylines(exact, tolerance))
         )
         assert (area > 0.49 * before).all()
 
@@ -100,19 +100,19 @@ def test_round_regions_are_left_alone() -> None:
     labels = (np.hypot(row, column) < 20).astype(np.int32) + 1
     exact = arcs_of(labels)
     arcs = regularise_arcs(exact, 1.0, labels.shape, simplification=1.0)
-    assert np.array_equal(arcs.vertices, simplify_arcs(exact, 1.0).vertices)
+    assert np.array_equal(arcs.vertices, simplify_polylines(exact, 1.0).vertices)
 
 
 def test_only_wanted_regions_are_regularised() -> None:
     labels = houses(20)
     exact = arcs_of(labels)
     none = regularise_arcs(exact, 2.0, labels.shape, simplification=0.75, regions=np.zeros(6, np.bool_))
-    assert np.array_equal(none.vertices, simplify_arcs(exact, 0.75).vertices)
+    assert np.array_equal(none.vertices, simplify_polylines(exact, 0.75).vertices)
 
 
 def test_off_changes_nothing() -> None:
     exact = arcs_of(houses(20))
-    off, simple = regularise_arcs(exact, 0, (90, 90), simplification=0.75), simplify_arcs(exact, 0.75)
+    off, simple = regularise_arcs(exact, 0, (90, 90), simplification=0.75), simplify_polylines(exact, 0.75)
     for name in ("offsets", "vertices", "left", "right"):
         assert getattr(off, name).tobytes() == getattr(simple, name).tobytes()
     with pytest.raises(ValueError, match="tolerance"):
@@ -124,7 +124,7 @@ def test_off_changes_nothing() -> None:
 def test_tiling_does_not_show(seed: int, rows: int, columns: int) -> None:
     labels = houses(30 + seed, seed=seed)
     whole = regularise_arcs(arcs_of(labels), 2.0, labels.shape)
-    tiled = regularise_arcs(join_arcs(tiled_pieces(labels, (rows, columns))), 2.0, labels.shape)
+    tiled = regularise_arcs(join_arcs(tiled_fragments(labels, (rows, columns))), 2.0, labels.shape)
     assert whole.vertices.tobytes() == tiled.vertices.tobytes() and whole.offsets.tobytes() == tiled.offsets.tobytes()
 
 

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from tests.naive.regions import adjacency as naive
 from tilepipe_kernels.regions.adjacency import Contacts, contacts
-from tilepipe_kernels.regions.quadtree import MISSING, split
+from tilepipe_kernels.regions.quadtree import split
+from tilepipe_kernels.regions.quadtree_sums import MISSING
 
 
 def rows_of(found: Contacts) -> list[tuple[int, ...]]:

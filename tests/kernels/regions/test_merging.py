@@ -6,7 +6,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tilepipe_kernels.regions.merging import RegionGraph, Statistics, contract, join_small, merge_best
+from tilepipe_kernels.regions.contraction import RegionGraph, Statistics, contract
+from tilepipe_kernels.regions.merging import join_small, merge_best
 
 
 def random_graph(seed: int, regions: int) -> tuple[RegionGraph, list[np.ndarray]]:

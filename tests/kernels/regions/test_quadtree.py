@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from tests.naive.regions import quadtree as naive
-from tilepipe_kernels.regions.quadtree import LARGEST_SIDE, MISSING, LeafTable, exceeds, split
+from tilepipe_kernels.regions.quadtree import LeafTable, exceeds, split
+from tilepipe_kernels.regions.quadtree_sums import LARGEST_SIDE, MISSING
 
 COLUMNS = ("first", "level", "count", "total", "squares")
 TYPES = (np.int64, np.uint8, np.int32, np.int64, np.int64)

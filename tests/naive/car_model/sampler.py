@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import logsumexp, ndtr
 
-from tilepipe_kernels.car_model.sampler import CarModel
+from tilepipe_kernels.car_model.model import CarModel
 from tilepipe_kernels.core.random import gamma, normal
 
 

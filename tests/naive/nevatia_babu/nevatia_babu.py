@@ -6,7 +6,7 @@ from math import atan2, cos, degrees, radians, sin
 
 import numpy as np
 
-from tilepipe_kernels.nevatia_babu.elements import MASKS
+from tilepipe_kernels.nevatia_babu.masks import MASKS
 
 Pixel = tuple[int, int]
 Edges = dict[Pixel, tuple[float, int | None]]

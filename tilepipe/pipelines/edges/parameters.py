@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from tilepipe.engine.parameters import checked_parameters
 from tilepipe.pipelines.edges.pass_bands import Grey
+from tilepipe_kernels.mrf.annealing import Annealing
 from tilepipe_kernels.mrf.edge_model import EdgeModel
-from tilepipe_kernels.mrf.lines import minimise
+from tilepipe_kernels.mrf.search import Search
 
 Potential = Literal["reciprocal", "quadratic"]
 Scheme = Literal["sequential", "integrated"]
@@ -93,10 +95,14 @@ class EdgeParameters(BaseModel):
             sigma=noise,
         )
 
-    @property
-    def line_method(self) -> minimise.Method:
-        """Optimiser of the lines; messages are between levels."""
-        return "parallel" if self.optimiser == "messages" else self.optimiser
+    def search(self, seed: int = 0) -> Search:
+        """How the levels are searched for."""
+        return Search(self.optimiser, self.rounds, Annealing(self.sweeps, seed=seed))
+
+    def line_search(self, seed: int = 0) -> Search:
+        """How the lines are searched for; messages are between levels."""
+        search = self.search(seed)
+        return replace(search, method="parallel") if search.method == "messages" else search
 
 
 def edge_parameters(values: Mapping[str, Any]) -> EdgeParameters:

@@ -20,16 +20,18 @@ from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import Tile, Window
 from tilepipe_kernels.core.arrays import Backend, to_backend, to_host
 from tilepipe_kernels.image.grey_levels import LEVEL_STEPS
-from tilepipe_kernels.mrf.annealing import Annealing
 from tilepipe_kernels.mrf.edge_energy import EnergyTerms, energy_terms
-from tilepipe_kernels.mrf.labels import minimise
-from tilepipe_kernels.mrf.lines import minimise as line_field
-from tilepipe_kernels.nevatia_babu import links
-from tilepipe_kernels.polylines import crack_lines
-from tilepipe_kernels.polylines.join import Chains, end_points, place_numbers, taken
+from tilepipe_kernels.mrf.labels.intensity_field import intensity_field
+from tilepipe_kernels.mrf.labels.minimise import halo as labels_halo
+from tilepipe_kernels.mrf.lines.minimise import coupled_fields, line_field
+from tilepipe_kernels.mrf.lines.minimise import halo as lines_halo
+from tilepipe_kernels.nevatia_babu.links import find_elements
+from tilepipe_kernels.nevatia_babu.links import halo as links_halo
+from tilepipe_kernels.polylines.crack_lines import trace_crack_lines
+from tilepipe_kernels.polylines.groups import meet_others
 
 ELEMENT_COLUMNS = ("pixel", "direction", "magnitude", "links")
-PIECE_COLUMNS = ("offsets", "vertices", "cut", "contrast", "step")
+FRAGMENT_COLUMNS = ("offsets", "vertices", "cut", "contrast", "step")
 
 
 @dataclass(frozen=True)
@@ -61,25 +63,23 @@ class FieldContext:
 
 
 _BEYOND = 2
-"""Pixels around a core whose lines its pieces and the terms of its energy depend on."""
+"""Pixels around a core whose lines its fragments and the terms of its energy depend on."""
 
 
 def halo(setting: Setting) -> int:
     """Pixels around a core on which its levels, lines and edge elements depend."""
     p: EdgeParameters = setting.parameters
-    annealing = Annealing(sweeps=p.sweeps)
     if p.scheme == "integrated":
-        method = p.line_method
-        fields = line_field.halo(p.model(), p.rounds, method=method, integrated=True, annealing=annealing)
-        fields += minimise.halo(p.rounds, method="messages") if p.optimiser == "messages" else 0
+        fields = lines_halo(p.model(), p.line_search(), integrated=True)
+        fields += labels_halo(p.search()) if p.optimiser == "messages" else 0
     else:
-        fields = minimise.halo(p.rounds, method=p.optimiser, annealing=annealing) + _halo_of_lines(p)
-    return max(fields + _BEYOND, links.halo() if p.nevatia_babu else 0)
+        fields = labels_halo(p.search()) + _halo_of_lines(p)
+    return max(fields + _BEYOND, links_halo() if p.nevatia_babu else 0)
 
 
 def _halo_of_lines(p: EdgeParameters) -> int:
     """Pixels on whose labels a line element depends, where labels are given."""
-    return line_field.halo(p.model(), p.rounds, method=p.line_method, annealing=Annealing(sweeps=p.sweeps))
+    return lines_halo(p.model(), p.line_search())
 
 
 def bytes_per_pixel(setting: Setting) -> int:
@@ -91,7 +91,7 @@ def bytes_per_pixel(setting: Setting) -> int:
 
 
 def find_fields(context: FieldContext, tile: Tile) -> Facts:
-    """Tile function: writes levels and lines; facts are the pieces of edge lines, edge elements, and counts."""
+    """Tile function: writes levels and lines; facts are the fragments of edge lines, edge elements, and counts."""
     p, raster = context.parameters, context.photograph.raster
     values = to_backend(context.photograph.read(tile.padded), context.backend)
     grey = context.scale.grey(values)
@@ -105,7 +105,7 @@ def find_fields(context: FieldContext, tile: Tile) -> Facts:
     # from here on the host works: it joins lines
     grey, levels, h, v = (to_host(array) for array in (grey[part], levels, h, v))
     # a line is never longer than its cracks, and counts with those that it meets
-    facts |= _pieces(grey, h, v, core, near.origin, p.minimum_length / raster.geometry.resolution)
+    facts |= _fragments(grey, h, v, core, near.origin, p.minimum_length / raster.geometry.resolution)
     lines = h[core.slices] | v[core.slices] << 1
     lines[levels[core.slices] == NODATA] = NODATA
     arrays = {"levels": context.levels, "lines": context.lines}
@@ -131,43 +131,36 @@ def _fields(
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.uint8], int]:
     """Levels, horizontal and vertical elements of a core and `_BEYOND` around it; unresolved sites of the core."""
     p, model, origin = context.parameters, context.parameters.model(context.scale.noise), tile.padded.origin
-    annealing, part = Annealing(sweeps=p.sweeps, seed=context.seed), tile.core_in_padded.slices
+    search, line_search, part = p.search(context.seed), p.line_search(context.seed), tile.core_in_padded.slices
     shape = context.photograph.raster.shape
     near = tile.core.padded(_BEYOND, shape)
     if p.scheme == "integrated":
         start = None
         if p.optimiser == "messages":
-            start = minimise.intensity_field(observed, model, method="messages", rounds=p.rounds, origin=origin).labels
-        both = line_field.coupled_fields(
-            observed, model, method=p.line_method, rounds=p.rounds, start=start, origin=origin, core=part,
-            annealing=annealing,
-        )  # fmt: skip
+            start = intensity_field(observed, model, search=search, origin=origin).labels
+        both = coupled_fields(observed, model, search=line_search, start=start, origin=origin, core=part)
         inner = near.relative_to(tile.padded).slices
         return both.labels[inner], both.horizontal[inner], both.vertical[inner], both.unresolved
-    found = minimise.intensity_field(
-        observed, model, method=p.optimiser, rounds=p.rounds, origin=origin, core=part, annealing=annealing
-    )
+    found = intensity_field(observed, model, search=search, origin=origin, core=part)
     # of the labels only those that lines depend on
     around = near.padded(_halo_of_lines(p), shape)
     labels, inner = found.labels[around.relative_to(tile.padded).slices], near.relative_to(around).slices
-    drawn = line_field.line_field(
-        labels, model, method=p.line_method, rounds=p.rounds, origin=around.origin,
-        core=tile.core.relative_to(around).slices, annealing=annealing,
-    )  # fmt: skip
+    core = tile.core.relative_to(around).slices
+    drawn = line_field(labels, model, search=line_search, origin=around.origin, core=core)
     return labels[inner], drawn.horizontal[inner], drawn.vertical[inner], found.unresolved + drawn.unresolved
 
 
 def _elements(context: FieldContext, values: NDArray[np.float32], tile: Tile) -> Facts:
     """Edge elements of the classical method."""
     shape = context.photograph.raster.shape
-    near = tile.core.padded(links.halo(), shape)
+    near = tile.core.padded(links_halo(), shape)
     core = tile.core.relative_to(near).as_tuple()
     block = values[near.relative_to(tile.padded).slices]
-    elements = links.find_elements(block, context.threshold, core, near.origin, shape[1])
+    elements = find_elements(block, context.threshold, core, near.origin, shape[1])
     return {f"element:{name}": getattr(elements, name) for name in ELEMENT_COLUMNS}
 
 
-def _pieces(
+def _fragments(
     grey: NDArray[np.float32],
     h: NDArray[np.uint8],
     v: NDArray[np.uint8],
@@ -175,27 +168,11 @@ def _pieces(
     origin: tuple[int, int],
     least: float,
 ) -> Facts:
-    """Pieces of lines; those that meet no other, in this tile or beyond it, only if they are long enough."""
-    pieces = crack_lines.trace_lines(h, v, grey, core.as_tuple(), origin)
-    lengths = Chains(pieces.offsets, pieces.vertices).lengths()
-    kept = (lengths >= least) | pieces.cut.any(axis=1) | _meets(pieces, core, origin)
-    offsets, vertices = taken(pieces.offsets, pieces.vertices, kept)
-    others = {name: getattr(pieces, name)[kept] for name in ("cut", "contrast", "step")}
-    return {"offsets": offsets, "vertices": vertices} | others
-
-
-def _meets(pieces: crack_lines.LinePieces, core: Window, origin: tuple[int, int]) -> NDArray[np.bool_]:
-    """Whether a piece shares one of its ends with another piece, or ends where another tile's may end."""
-    ends = end_points(pieces.offsets, pieces.vertices)
-    _, place, count = np.unique(place_numbers(ends), return_inverse=True, return_counts=True)
-    top, left = origin[0] + core.top, origin[1] + core.left
-    row, column = ends.T
-    inside = (row > top) & (row < top + core.rows) & (column > left) & (column < left + core.columns)
-    # both ends of a ring are one place
-    rings = (ends[::2] == ends[1::2]).all(axis=1)
-    alone = inside & (count[place] == np.where(np.repeat(rings, 2), 2, 1))
-    meets: NDArray[np.bool_] = ~alone.reshape(-1, 2).all(axis=1)
-    return meets
+    """Fragments of lines; those that meet no other, in this tile or beyond it, only if they are long enough."""
+    window = core.as_tuple()
+    found = trace_crack_lines(h, v, grey, window, origin)
+    kept = found.taken((found.lengths() >= least) | found.cut.any(axis=1) | meet_others(found, window, origin))
+    return {name: getattr(kept, name) for name in FRAGMENT_COLUMNS}
 
 
 def _energy(terms: EnergyTerms, unresolved: int) -> Facts:

@@ -18,9 +18,11 @@ from tilepipe.tiling.grid import Tile
 from tilepipe.tiling.histograms import added, as_facts
 from tilepipe.tiling.noise import count_differences, noise
 from tilepipe_kernels.core.arrays import Backend, to_backend
-from tilepipe_kernels.image import histogram as levels
 from tilepipe_kernels.image.grey_levels import LARGEST_GREY, stretch, to_levels
-from tilepipe_kernels.nevatia_babu import elements as nevatia_babu
+from tilepipe_kernels.image.histogram import bin_values, class_means, histogram, percentile
+from tilepipe_kernels.nevatia_babu.elements import count_magnitudes, thin_edges, threshold_from_histogram
+from tilepipe_kernels.nevatia_babu.elements import halo as elements_halo
+from tilepipe_kernels.nevatia_babu.masks import edge_responses
 
 LEAST_NOISE = 0.3
 """Noise in levels of an image that shows none: what its surfaces differ by (Barbosa 1994 takes it for all)."""
@@ -61,17 +63,17 @@ def count_greys(context: CountContext, tile: Tile) -> Facts:
     """Tile function: histograms of grey values, of their differences, and of edge responses."""
     values = to_backend(context.photograph.read(tile.padded), context.backend)
     core = tile.core_in_padded.slices
-    counted = {"grey": levels.histogram(values[core]), "difference": count_differences(values, tile)}
+    counted = {"grey": histogram(values[core]), "difference": count_differences(values, tile)}
     if context.nevatia_babu:
-        magnitude, direction = nevatia_babu.edge_responses(values)
-        elements = nevatia_babu.thin_edges(magnitude, direction)
-        counted["edge"] = nevatia_babu.count_magnitudes(magnitude[core], elements[core])
+        magnitude, direction = edge_responses(values)
+        elements = thin_edges(magnitude, direction)
+        counted["edge"] = count_magnitudes(magnitude[core], elements[core])
     return as_facts(counted)
 
 
 def halo(setting: Setting) -> int:
     """Pixels around a core that differences, and the responses of edges, depend on."""
-    return nevatia_babu.halo() if setting.parameters.nevatia_babu else 1
+    return elements_halo() if setting.parameters.nevatia_babu else 1
 
 
 LEVELS = Pass("levels", count_greys, halo=halo, bytes_per_pixel=24)
@@ -87,7 +89,7 @@ def find_levels(run: Work, ledger: Ledger) -> tuple[LevelScale, float]:
 
 def edge_threshold(counts: NDArray[np.int64], share: float | None) -> float:
     """Threshold of the classical method; infinite where the image has no edge at all."""
-    return nevatia_babu.threshold_from_histogram(counts, share) if counts.any() else np.inf
+    return threshold_from_histogram(counts, share) if counts.any() else np.inf
 
 
 def level_scale(
@@ -103,19 +105,19 @@ def level_scale(
     filled = np.flatnonzero(counts)
     if filled.size == 0:
         raise InputError(f"{name}: holds nothing but nodata; check the file and its nodata value")
-    darkest = levels.percentile(counts, parameters.lowest_percentile)
-    brightest = levels.percentile(counts, parameters.highest_percentile)
+    darkest = percentile(counts, parameters.lowest_percentile)
+    brightest = percentile(counts, parameters.highest_percentile)
     if not brightest > darkest:
-        darkest, brightest = (float(value) for value in levels.bin_values(filled[[0, -1]]))
+        darkest, brightest = (float(value) for value in bin_values(filled[[0, -1]]))
     if filled.size < parameters.levels or not brightest > darkest:
         raise InputError(
             f"{name}: holds {filled.size} grey values, fewer than the {parameters.levels} levels asked for; "
             "use --set levels=n"
         )
-    grey = np.rint(stretch(levels.bin_values(filled)[None], darkest, brightest)[0]).astype(np.int64)
+    grey = np.rint(stretch(bin_values(filled)[None], darkest, brightest)[0]).astype(np.int64)
     of_grey = np.bincount(grey, counts[filled], int(LARGEST_GREY) + 1).astype(np.int64)
     try:
-        means = levels.class_means(of_grey, parameters.levels)
+        means = class_means(of_grey, parameters.levels)
     except ValueError as error:
         raise InputError(f"{name}: {error}; use --set levels=n") from None
     gap = (means[-1] - means[0]) / (means.size - 1) * (brightest - darkest) / LARGEST_GREY

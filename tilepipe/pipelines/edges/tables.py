@@ -5,10 +5,11 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from functools import partial
 from itertools import repeat
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,55 +20,24 @@ from tilepipe.io.geoparquet import ParquetLineWriter
 from tilepipe.io.georeference import Geometry
 from tilepipe.pipelines.edges.layers import EDGES, NEVATIA_BABU
 from tilepipe.pipelines.edges.parameters import EdgeParameters
-from tilepipe.pipelines.edges.pass_fields import ELEMENT_COLUMNS, PIECE_COLUMNS
-from tilepipe.pipelines.edges.reconcile_lines import find_streets, smoothed
+from tilepipe.pipelines.edges.pass_fields import ELEMENT_COLUMNS, FRAGMENT_COLUMNS
+from tilepipe.pipelines.edges.street_borders import find_streets
 from tilepipe.tiling.facts import Facts
-from tilepipe_kernels.core.compiled import loop
-from tilepipe_kernels.nevatia_babu import elements as nevatia_babu
-from tilepipe_kernels.nevatia_babu import links, tracing
-from tilepipe_kernels.nevatia_babu.links import EdgeElements
-from tilepipe_kernels.polylines.crack_lines import TICKS, LinePieces
-from tilepipe_kernels.polylines.join import Chains, Lines, end_points, join_lines, place_numbers, taken
+from tilepipe_kernels.nevatia_babu.links import EdgeElements, join_elements
+from tilepipe_kernels.nevatia_babu.masks import STEP_RESPONSE
+from tilepipe_kernels.nevatia_babu.tracing import trace_chains
+from tilepipe_kernels.polylines.crack_lines import TICKS, CrackLineFragments
+from tilepipe_kernels.polylines.end_point_fit import fit_polylines
+from tilepipe_kernels.polylines.groups import long_groups
+from tilepipe_kernels.polylines.join import join_crack_lines
+from tilepipe_kernels.polylines.shape import Shape, shape_of
+from tilepipe_kernels.polylines.smooth import smoothed
 
 _WITHOUT_LINES = {
     EDGES.name: "lower minimum_length or raise levels (--set)",
     NEVATIA_BABU.name: "raise edge_share or lower minimum_edge_length (--set)",
 }
 """What to do when a table has no line."""
-
-
-class Shape(NamedTuple):
-    """Shape of lines, float64 each.
-
-    Attributes
-    ----------
-    length
-        In the unit of the vertices.
-    straightness
-        1 where all parts point the same way or the opposite one, 0 where they point everywhere.
-    sinuosity
-        Length over the distance of the ends; NaN of closed lines.
-    """
-
-    length: NDArray[np.float64]
-    straightness: NDArray[np.float64]
-    sinuosity: NDArray[np.float64]
-
-
-def line_shape(offsets: NDArray[np.int64], vertices: NDArray[np.float64]) -> Shape:
-    """Shape of polylines; line i has ``vertices[offsets[i]:offsets[i + 1]]``, shape (m, 2), of length > 0."""
-    if offsets.size < 2:
-        return Shape(*np.empty((3, 0)))
-    steps = np.diff(vertices, axis=0, prepend=vertices[:1])
-    steps[offsets[:-1]] = 0
-    lengths = np.hypot(*steps.T)
-    # the doubled angle of a part has the cosine (x² - y²) / l² and the sine 2 x y / l²
-    per_length = np.divide(1.0, lengths, out=np.zeros_like(lengths), where=lengths > 0)
-    cosine, sine = (steps[:, 1] ** 2 - steps[:, 0] ** 2) * per_length, 2 * steps[:, 0] * steps[:, 1] * per_length
-    length, cosine, sine = (np.add.reduceat(values, offsets[:-1]) for values in (lengths, cosine, sine))
-    ends = np.hypot(*(vertices[offsets[1:] - 1] - vertices[offsets[:-1]]).T)
-    sinuosity = np.divide(length, ends, out=np.full_like(length, np.nan), where=ends > 0)
-    return Shape(length, np.hypot(cosine, sine) / length, np.maximum(sinuosity, 1.0))
 
 
 def shape_columns(shape: Shape, geometry: Geometry) -> dict[str, NDArray[Any]]:
@@ -77,37 +47,6 @@ def shape_columns(shape: Shape, geometry: Geometry) -> dict[str, NDArray[Any]]:
         "straightness": shape.straightness,
         "sinuosity": shape.sinuosity,
     }
-
-
-@loop
-def _group_lengths(places: NDArray[np.int64], lengths: NDArray[np.float64], sums: NDArray[np.float64]) -> None:
-    """Length of the group of each chain; `places` holds the numbers of its two ends, 0 to 2 n - 1."""
-    parent = np.arange(2 * lengths.size)
-    for i in range(lengths.size):
-        a, b = places[2 * i], places[2 * i + 1]
-        while parent[a] != a:
-            parent[a] = parent[parent[a]]
-            a = parent[a]
-        while parent[b] != b:
-            parent[b] = parent[parent[b]]
-            b = parent[b]
-        parent[max(a, b)] = min(a, b)
-    totals = np.zeros(parent.size)
-    # a parent is never the larger number, so that those before have found theirs
-    for place in range(parent.size):
-        parent[place] = parent[parent[place]]
-    for i in range(lengths.size):
-        totals[parent[places[2 * i]]] += lengths[i]
-    for i in range(lengths.size):
-        sums[i] = totals[parent[places[2 * i]]]
-
-
-def long_groups(chains: Chains, lengths: NDArray[np.float64], least: float) -> NDArray[np.bool_]:
-    """Chains of groups that are ``least`` long together; chains that meet at an end, a whole corner, are of one."""
-    ends = place_numbers(end_points(chains.offsets, chains.vertices))
-    sums = np.empty(len(chains))
-    _group_lengths(np.unique(ends, return_inverse=True)[1], np.asarray(lengths, np.float64), sums)
-    return sums >= least
 
 
 def write_tables(run: Work, fields: Ledger) -> list[Path]:
@@ -150,18 +89,19 @@ def write_edges(path: Path, ledger: Ledger, geometry: Geometry, parameters: Edge
     int
         Number of lines.
     """
-    lines = join_lines(LinePieces(**{name: facts[name] for name in PIECE_COLUMNS}) for facts in ledger.each())
+    fragments = (CrackLineFragments(**{name: facts[name] for name in FRAGMENT_COLUMNS}) for facts in ledger.each())
+    lines = join_crack_lines(fragments)
     cracks = lines.lengths()
     # smoothing makes lines shorter, never longer
     kept = long_groups(lines, cracks * geometry.resolution, parameters.minimum_length)
-    lines = Lines(*taken(lines.offsets, lines.vertices, kept), lines.contrast[kept], lines.step[kept])
+    lines = lines.taken(kept)
     contrast, step = (sums / cracks[kept] / TICKS for sums in (lines.contrast, lines.step))
-    chains = smoothed(lines, parameters.simplification)
+    smooth = smoothed(lines, parameters.simplification)
     del lines
-    shape = line_shape(chains.offsets, chains.vertices)
-    kept = long_groups(chains, shape.length * geometry.resolution, parameters.minimum_length)
-    chains = Chains(*taken(chains.offsets, chains.vertices, kept))
-    streets = find_streets(chains, step[kept], parameters, geometry.resolution, workers)
+    shape = shape_of(smooth)
+    kept = long_groups(smooth, shape.length * geometry.resolution, parameters.minimum_length)
+    smooth = smooth.taken(kept)
+    streets = find_streets(smooth, step[kept], parameters, geometry.resolution, workers)
     columns = {
         "line_id": np.arange(1, kept.sum() + 1, dtype=np.int64),
         "contrast": contrast[kept],
@@ -172,8 +112,8 @@ def write_edges(path: Path, ledger: Ledger, geometry: Geometry, parameters: Edge
         "street_share": streets.share,
     }
     with ParquetLineWriter(path, EDGES.dtypes, geometry.crs) as table:
-        table.append(columns, geometry.coordinates(chains.vertices), chains.offsets)
-    return len(chains)
+        table.append(columns, replace(smooth, vertices=geometry.coordinates(smooth.vertices)))
+    return len(smooth)
 
 
 def _elements(facts: Facts, width: int) -> EdgeElements:
@@ -200,21 +140,21 @@ def write_nevatia_babu(path: Path, ledger: Ledger, geometry: Geometry, parameter
     int
         Number of lines.
     """
-    elements = links.join_elements(map(_elements, ledger.each(), repeat(geometry.shape[1])))
-    segments = tracing.trace_segments(elements)
-    offsets, pixels = tracing.straight_lines(elements, segments, parameters.edge_tolerance)
-    contrast = segments.mean_magnitudes(elements) / nevatia_babu.STEP_RESPONSE
+    elements = join_elements(map(_elements, ledger.each(), repeat(geometry.shape[1])))
+    chains = trace_chains(elements)
+    lines = fit_polylines(chains.polylines(elements), parameters.edge_tolerance)
+    contrast = chains.mean_magnitudes(elements) / STEP_RESPONSE
     del elements
-    shape = line_shape(offsets, pixels.astype(np.float64))
+    shape = shape_of(lines)
     kept = shape.length * geometry.resolution >= parameters.minimum_edge_length
-    offsets, pixels = taken(offsets, pixels, kept)
+    lines = lines.taken(kept)
     columns = {
-        "line_id": np.arange(1, offsets.size, dtype=np.int64),
+        "line_id": np.arange(1, len(lines) + 1, dtype=np.int64),
         "contrast": contrast[kept],
         **shape_columns(Shape(*(values[kept] for values in shape)), geometry),
-        "stage": segments.stage[kept].astype(np.int64),
+        "stage": chains.stage[kept].astype(np.int64),
     }
     with ParquetLineWriter(path, NEVATIA_BABU.dtypes, geometry.crs) as table:
         # elements are pixels, and lines run through their centres
-        table.append(columns, geometry.coordinates(pixels + 0.5), offsets)
-    return offsets.size - 1
+        table.append(columns, replace(lines, vertices=geometry.coordinates(lines.vertices + 0.5)))
+    return len(lines)

@@ -11,7 +11,7 @@ from tilepipe.engine.work import Work
 from tilepipe.pipelines.objects.layers import CONVERGENCE
 from tilepipe.pipelines.objects.reconcile_regions import Merged
 from tilepipe_kernels.car_model.convergence import effective_sample_size, split_rhat
-from tilepipe_kernels.car_model.sampler import Traces
+from tilepipe_kernels.car_model.model import Traces
 
 LARGEST_RHAT = 1.1
 """Above it the halves of a trace disagree (Gelman et al. 2013, section 11.4)."""

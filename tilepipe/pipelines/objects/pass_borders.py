@@ -16,10 +16,10 @@ from tilepipe.pipelines.objects.reconcile_leaves import Leaves
 from tilepipe.pipelines.objects.reconcile_regions import LOOKUP
 from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import Tile, TileGrid, Window
-from tilepipe_kernels.polylines import arcs
+from tilepipe_kernels.polylines.arcs import trace_arcs
 
 ARC_COLUMNS = ("offsets", "vertices", "left", "right", "cut")
-"""Facts of the pass: the columns of `arcs.ArcPieces`."""
+"""Facts of the pass: the columns of `ArcFragments`."""
 
 
 @dataclass(frozen=True)
@@ -42,9 +42,9 @@ class RegionContext:
 
 
 def trace_borders(context: RegionContext, tile: Tile) -> Facts:
-    """Tile function (halo 1): facts are the pieces of arcs that the tile owns."""
-    pieces = arcs.trace_arcs(context.read(tile.padded), core=tile.core_in_padded.as_tuple(), origin=tile.padded.origin)
-    return {name: getattr(pieces, name) for name in ARC_COLUMNS}
+    """Tile function (halo 1): facts are the fragments of arcs that the tile owns."""
+    fragments = trace_arcs(context.read(tile.padded), core=tile.core_in_padded.as_tuple(), origin=tile.padded.origin)
+    return {name: getattr(fragments, name) for name in ARC_COLUMNS}
 
 
 # it traces on the host, from labels that lie on disk

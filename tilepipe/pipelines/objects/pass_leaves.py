@@ -18,6 +18,7 @@ from tilepipe.tiling.grid import Tile, TileGrid
 from tilepipe.tiling.seams import border_facts
 from tilepipe_kernels.core.arrays import Backend, namespace, to_backend
 from tilepipe_kernels.regions import adjacency, extremes, quadtree
+from tilepipe_kernels.regions.quadtree_sums import MISSING
 
 _FARTHEST = 30_000
 """No height lies farther from zero, in metres."""
@@ -61,7 +62,7 @@ def halo(setting: Setting) -> int:
 def to_ticks(
     heights: NDArray[np.float32], metres: float, largest_leaf: int = 1
 ) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
-    """Heights in a unit of ``metres`` as whole millimetres, NaN as `quadtree.MISSING`; and which were none.
+    """Heights in a unit of ``metres`` as whole millimetres, NaN as `MISSING`; and which were none.
 
     What is farther than 30 km from zero, or than leaves of ``largest_leaf`` pixels can add up, is no height: it
     becomes missing as well and is marked.  Arrays of a device stay there.
@@ -70,7 +71,7 @@ def to_ticks(
     scaled = xp.rint(heights.astype(np.float64) * (metres * TICKS_PER_METRE))
     most = min(_FARTHEST * TICKS_PER_METRE, quadtree.REACH // largest_leaf)
     absurd = xp.abs(scaled) > most
-    ticks = xp.where(absurd | xp.isnan(scaled), quadtree.MISSING, scaled).astype(np.int32)
+    ticks = xp.where(absurd | xp.isnan(scaled), MISSING, scaled).astype(np.int32)
     return ticks, absurd
 
 

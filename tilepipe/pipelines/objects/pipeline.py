@@ -19,7 +19,7 @@ from tilepipe.pipelines.objects.parameters import ObjectParameters
 from tilepipe.pipelines.objects.pass_borders import BORDERS
 from tilepipe.pipelines.objects.pass_leaves import LEAVES
 from tilepipe.pipelines.objects.recipe import recipe
-from tilepipe_kernels.regions.quadtree import LARGEST_SIDE
+from tilepipe_kernels.regions.quadtree_sums import LARGEST_SIDE
 
 _PER_MEGAPIXEL = 100_000 * 250
 """Leaves of a city at half a metre, and what graph, sampler and tables hold of each in bytes: 250 were measured."""

@@ -18,7 +18,7 @@ from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import TileGrid
 from tilepipe.tiling.numbering import Numbering
 from tilepipe.tiling.seams import seam_sides
-from tilepipe_kernels.regions.merging import RegionGraph, Statistics
+from tilepipe_kernels.regions.contraction import RegionGraph, Statistics
 
 _PLAUSIBLE = -500.0, 9000.0
 """Heights on land in metres."""

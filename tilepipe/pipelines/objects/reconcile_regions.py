@@ -22,9 +22,11 @@ from tilepipe.engine.device import fitting
 from tilepipe.engine.work import Work
 from tilepipe.pipelines.objects.parameters import ObjectParameters
 from tilepipe.pipelines.objects.reconcile_leaves import Leaves
-from tilepipe_kernels.car_model.sampler import CarModel, Posterior, Traces, expect, sample, sample_variances
+from tilepipe_kernels.car_model.model import CarModel, Posterior, Traces
+from tilepipe_kernels.car_model.sampler import expect, sample, sample_variances
 from tilepipe_kernels.core.arrays import Backend, namespace, to_backend, to_host
-from tilepipe_kernels.regions.merging import RegionGraph, Statistics, first_members, join_small, merge_best
+from tilepipe_kernels.regions.contraction import RegionGraph, Statistics, first_members
+from tilepipe_kernels.regions.merging import join_small, merge_best
 
 _FEW_BORDERS = 0.02
 """Rounds end when fewer than this share of all borders can merge: small regions come first then, and free the rest."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 from tilepipe.engine.ledger import Ledger
 from tilepipe.engine.work import Work
-from tilepipe.io.geometries import lines_from_ragged, region_polygons
+from tilepipe.io.geometries import line_strings, region_polygons
 from tilepipe.io.geoparquet import ParquetWriter
 from tilepipe.io.georeference import Geometry
 from tilepipe.pipelines.objects.building_table import write_buildings
@@ -23,17 +24,17 @@ from tilepipe.pipelines.objects.pass_borders import ARC_COLUMNS
 from tilepipe.pipelines.objects.reconcile_buildings import Buildings
 from tilepipe.pipelines.objects.reconcile_leaves import Leaves
 from tilepipe.pipelines.objects.reconcile_regions import Merged
-from tilepipe_kernels.polylines.arcs import ArcPieces
+from tilepipe_kernels.polylines.arcs import ArcFragments
 from tilepipe_kernels.polylines.join import Arcs, join_arcs
 from tilepipe_kernels.polylines.polygons import PolygonRings, assemble_polygons
 from tilepipe_kernels.polylines.regularise.regularise import regularise_arcs
-from tilepipe_kernels.polylines.simplify import simplify_arcs
-from tilepipe_kernels.regions.merging import pooled
+from tilepipe_kernels.polylines.simplify import simplify_polylines
+from tilepipe_kernels.regions.contraction import pooled
 
 
-def _pieces(ledger: Ledger) -> Iterator[ArcPieces]:
+def _fragments(ledger: Ledger) -> Iterator[ArcFragments]:
     for facts in ledger.each():
-        yield ArcPieces(**{name: facts[name] for name in ARC_COLUMNS})
+        yield ArcFragments(**{name: facts[name] for name in ARC_COLUMNS})
 
 
 def write_tables(run: Work, borders: Ledger, leaves: Leaves, merged: Merged, buildings: Buildings | None) -> list[Path]:
@@ -65,11 +66,11 @@ def _write_parquet(
     """The tables as GeoParquet, side by side; the number of threads does not show in them."""
     geometry: Geometry = run.geometry
     parameters: ObjectParameters = run.parameters
-    exact = join_arcs(_pieces(borders))
+    exact = join_arcs(_fragments(borders))
     rings = assemble_polygons(exact)
     pixel = geometry.resolution
     simplification = parameters.simplification
-    arcs = simplify_arcs(exact, simplification, pixel, pixel) if simplification > 0 else exact
+    arcs = simplify_polylines(exact, simplification, pixel, pixel) if simplification > 0 else exact
     # the corners move of buildings, or of regions of that shape where nothing is known of buildings
     if parameters.regularisation > 0:
         wanted = None if buildings is None else np.concatenate([[False], buildings.building > 0])
@@ -126,7 +127,7 @@ def _write_boundaries(path: Path, arcs: Arcs, merged: Merged, geometry: Geometry
     with ParquetWriter(path, BOUNDARIES.dtypes, geometry.crs, BOUNDARIES.geometry) as table:
         table.append(
             _boundary_columns(arcs, merged, geometry.resolution),
-            lines_from_ragged(geometry.coordinates(arcs.vertices), arcs.offsets),
+            line_strings(replace(arcs, vertices=geometry.coordinates(arcs.vertices))),
         )
 
 

@@ -14,8 +14,8 @@ from rasterio.windows import Window
 
 from tilepipe.errors import InputError
 from tilepipe.io.clouds import Cloud, Value, common_crs, metres_per_unit, read_cloud, value_quantum
-from tilepipe_kernels.points import gridding as kernel
-from tilepipe_kernels.points.gridding import Method
+from tilepipe_kernels.points.gridding import BYTES_PER_CELL, BYTES_PER_POINT, METHODS, Method
+from tilepipe_kernels.points.gridding import halo as gridding_halo
 from tilepipe_kernels.points.point_tiles import MAXIMUM_SIDE, subcells
 
 _TILE, _SMALLEST_TILE = 1024, 512
@@ -71,7 +71,7 @@ class GridPlan:
     def tile_memory(self, points: int) -> int:
         """Bytes that gridding a tile of so many points needs."""
         cells = (self.side + 2 * self.margin) ** 2
-        return cells * kernel.BYTES_PER_CELL + points * kernel.BYTES_PER_POINT
+        return cells * BYTES_PER_CELL + points * BYTES_PER_POINT
 
 
 def plan_grid(
@@ -97,15 +97,15 @@ def plan_grid(
         raise InputError(f"the IDW radius must be a positive number of metres, not {idw_radius}")
     if value not in get_args(Value):
         raise InputError(f"unknown value {value!r}; choose one of {', '.join(get_args(Value))}")
-    if method not in kernel.METHODS:
-        raise InputError(f"unknown method {method!r}; choose one of {', '.join(kernel.METHODS)}")
+    if method not in METHODS:
+        raise InputError(f"unknown method {method!r}; choose one of {', '.join(METHODS)}")
     clouds = tuple(read_cloud(path) for path in paths)
     horizontal, vertical_unit = common_crs(clouds, crs)
     cell = resolution / metres_per_unit(horizontal)
     origin, shape = _extent(clouds, cell, resolution)
     reach = void_reach / resolution
     radius = (math.sqrt(2) if idw_radius is None else idw_radius / resolution) if method == "idw" else 0.0
-    margin = kernel.halo(method, reach, radius)
+    margin = gridding_halo(method, reach, radius)
     density = sum(cloud.points for cloud in clouds) / (shape[0] * shape[1])
     side = _TILE
     while side < 4 * margin:
@@ -133,7 +133,7 @@ def plan_grid(
 
 def _tile_memory(padded_side: int, density: float) -> int:
     """Bytes for a padded tile with twice as many points per cell as on average."""
-    return padded_side**2 * (kernel.BYTES_PER_CELL + math.ceil(2 * density * kernel.BYTES_PER_POINT))
+    return padded_side**2 * (BYTES_PER_CELL + math.ceil(2 * density * BYTES_PER_POINT))
 
 
 def _extent(clouds: Sequence[Cloud], cell: float, resolution: float) -> tuple[tuple[int, int], tuple[int, int]]:

@@ -18,8 +18,8 @@ from tilepipe.tiling.grid import Tile
 from tilepipe.tiling.histograms import added, as_facts
 from tilepipe.tiling.noise import count_differences, noise
 from tilepipe_kernels.core.arrays import Backend, to_backend
-from tilepipe_kernels.image import histogram
 from tilepipe_kernels.image.grey_levels import LARGEST_GREY, stretch
+from tilepipe_kernels.image.histogram import bin_values, histogram, otsu_classes, percentile
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ def count_values(context: CountContext, tile: Tile) -> Facts:
     """Tile function (halo 1): histograms of the valid values and of their differences to the right neighbour."""
     values = to_backend(context.raster.read(tile.padded), context.backend)
     counted = {
-        "value": histogram.histogram(values[tile.core_in_padded.slices]),
+        "value": histogram(values[tile.core_in_padded.slices]),
         "difference": count_differences(values, tile),
     }
     return as_facts(counted)
@@ -78,14 +78,14 @@ def grey_scale(facts: Iterable[Facts], parameters: StreetParameters, name: str) 
     if filled.size == 0:
         raise InputError(f"{name}: holds nothing but nodata; check the file and its nodata value")
     if filled.size == 1:
-        raise InputError(f"{name}: holds the single value {histogram.bin_values(filled)[0]:g}; nothing to find in it")
-    darkest = histogram.percentile(counts, parameters.lowest_percentile)
-    brightest = histogram.percentile(counts, parameters.highest_percentile)
+        raise InputError(f"{name}: holds the single value {bin_values(filled)[0]:g}; nothing to find in it")
+    darkest = percentile(counts, parameters.lowest_percentile)
+    brightest = percentile(counts, parameters.highest_percentile)
     if not brightest > darkest:
-        darkest, brightest = (float(value) for value in histogram.bin_values(filled[[0, -1]]))
+        darkest, brightest = (float(value) for value in bin_values(filled[[0, -1]]))
     plain = GreyScale(darkest, brightest, 0.0, 0.0, 0.0, 0.0)
-    grey = np.rint(plain.apply(histogram.bin_values(filled)[None])[0]).astype(np.int64)
-    split, dark, bright = histogram.otsu_classes(_counted(grey, counts[filled]))
+    grey = np.rint(plain.apply(bin_values(filled)[None])[0]).astype(np.int64)
+    split, dark, bright = otsu_classes(_counted(grey, counts[filled]))
     deviation = noise(added(facts, "difference")) * LARGEST_GREY / (brightest - darkest)
     threshold = split + 0.5 if parameters.darkness is None else parameters.darkness
     return GreyScale(darkest, brightest, threshold, dark, bright, deviation)

@@ -24,7 +24,10 @@ from tilepipe_kernels.core.arrays import Backend, namespace, to_backend, to_host
 from tilepipe_kernels.image import morphology
 from tilepipe_kernels.image.grey_levels import street_image
 from tilepipe_kernels.network import skeleton, tracing
-from tilepipe_kernels.ridges import ridges
+from tilepipe_kernels.ridges.links import LINK_RADIUS, link_points
+from tilepipe_kernels.ridges.points import LinePoints, line_points
+from tilepipe_kernels.ridges.ridges import halo as ridges_halo
+from tilepipe_kernels.ridges.width import line_widths
 
 RIDGE, AXIS = "ridge", "axis"
 """Prefixes of the facts of the two ways to centerlines."""
@@ -89,7 +92,7 @@ def halo(setting: Setting) -> int:
     cleaning += morphology.speck_halo(speck_pixels(parameters, resolution))
     sigma = parameters.sigma_in_pixels(resolution)
     width = parameters.maximum_width / resolution
-    ridge = ridges.halo(sigma, width)
+    ridge = ridges_halo(sigma, width)
     cap = parameters.half_width_in_pixels(resolution)
     return cleaning + max(ridge, skeleton.halo(cap) + 2)
 
@@ -155,13 +158,13 @@ def _ridge_lines(
 ) -> Facts:
     """Fragments of Steger's ridge lines."""
     sigma = context.sigma
-    near = tile.core.padded(ridges.LINK_RADIUS, context.grid.shape).relative_to(tile.padded)
+    near = tile.core.padded(LINK_RADIUS, context.grid.shape).relative_to(tile.padded)
     xp = namespace(mask)
     wanted = xp.zeros(mask.shape, xp.bool_)
     wanted[near.slices] = mask[near.slices]
-    points = ridges.line_points(image, sigma, low=context.low, mask=wanted)
+    points = line_points(image, sigma, low=context.low, mask=wanted)
     links = xp.zeros(mask.shape, xp.uint8)
-    links[points.row, points.col] = ridges.link_points(points)
+    links[points.row, points.col] = link_points(points)
     core = tile.core_in_padded
     inside = (
         (points.row >= core.top)
@@ -185,14 +188,14 @@ def _ridge_lines(
 
 
 def _sampled_widths(
-    context: LineContext, tile: Tile, image: NDArray[np.float32], points: ridges.LinePoints
+    context: LineContext, tile: Tile, image: NDArray[np.float32], points: LinePoints
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Width (pixels) and contrast of every fifth point along a line in any of the eight directions, NaN elsewhere."""
     top, left = tile.padded.origin
     xp = namespace(image)
     sample = xp.flatnonzero((points.row + top + 2 * (points.col + left)) % 5 == 0)
     maximum_width = context.pixels(context.parameters.maximum_width)
-    found = ridges.line_widths(image, points.take(sample), context.sigma, maximum_width=maximum_width)
+    found = line_widths(image, points.take(sample), context.sigma, maximum_width=maximum_width)
     width, contrast = xp.full((2, len(points)), xp.nan, xp.float32)
     width[sample] = xp.where(found.valid, found.left + found.right, xp.nan)
     contrast[sample] = xp.where(found.valid, found.contrast, xp.nan)

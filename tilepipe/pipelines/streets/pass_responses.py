@@ -16,9 +16,10 @@ from tilepipe.pipelines.streets.reconcile_regions import Regions
 from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import Tile
 from tilepipe_kernels.core.arrays import namespace, to_host
-from tilepipe_kernels.ridges import ridges
+from tilepipe_kernels.ridges.bar_profile import response_bins, response_of_bar, thresholds_from_histogram
+from tilepipe_kernels.ridges.points import line_points
 
-RESPONSE_EDGES = ridges.response_bins(1e-3, 1e3, 240)
+RESPONSE_EDGES = response_bins(1e-3, 1e3, 240)
 """Edges of the bins in which line responses are counted (grey per pixel²): 40 a decade, 10⁻³ to 10³."""
 
 
@@ -41,7 +42,7 @@ def count_responses(context: LineContext, tile: Tile) -> Facts:
     wanted[inner] = mask[inner]
     if not wanted.any():
         return {"responses": np.zeros(RESPONSE_EDGES.size - 1, np.int64)}
-    points = ridges.line_points(image, context.sigma, low=context.low, mask=wanted)
+    points = line_points(image, context.sigma, low=context.low, mask=wanted)
     return {"responses": np.histogram(to_host(points.response), RESPONSE_EDGES)[0].astype(np.int64)}
 
 
@@ -86,11 +87,11 @@ def line_thresholds(
     elif p.thresholds == "contrast":
         contrast = max(scale.bright - scale.dark, 1.0)
         widths = (p.minimum_street_width, p.line_width)
-        unit = min(ridges.response_of_bar(w / resolution / 2, contrast, sigma) for w in widths)
+        unit = min(response_of_bar(w / resolution / 2, contrast, sigma) for w in widths)
     else:
         counts = np.sum([f["responses"] for f in responses], axis=0)
         try:
-            unit = ridges.thresholds_from_histogram(counts, RESPONSE_EDGES)[1]
+            unit = thresholds_from_histogram(counts, RESPONSE_EDGES)[1]
         except ValueError as error:
             raise InputError(f"parameter thresholds='histogram': {error}; use thresholds='contrast'") from None
     low, high = p.low * unit, p.high * unit

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from tilepipe.engine.ledger import Ledger
 from tilepipe.engine.work import Work
-from tilepipe.io.geometries import lines_from_ragged
+from tilepipe.io.geometries import line_strings
 from tilepipe.io.geoparquet import ParquetLineWriter
 from tilepipe.io.georeference import Geometry
 from tilepipe.pipelines.streets.layers import CENTERLINES, SKELETON
@@ -21,9 +21,11 @@ from tilepipe.pipelines.streets.parameters import StreetParameters
 from tilepipe.pipelines.streets.pass_lines import AXIS, RIDGE
 from tilepipe.pipelines.streets.pass_responses import Thresholds
 from tilepipe.tiling.grid import TileGrid
-from tilepipe_kernels.network.build import LineBatch, NetworkRules, build_network, iterate_lines
+from tilepipe_kernels.core.polylines import Polylines
+from tilepipe_kernels.core.ragged import reduce_runs, run_of_rows
+from tilepipe_kernels.network.build import LineBatch, build_network, iterate_lines
+from tilepipe_kernels.network.cleaning import Cleaning, raster_border
 from tilepipe_kernels.network.fragment_table import summarise
-from tilepipe_kernels.network.rules import raster_border
 from tilepipe_kernels.network.tracing import Fragments
 from tilepipe_kernels.ridges.bar_profile import position_standard_error
 
@@ -78,19 +80,19 @@ def write_lines(run: Work, fragments: Ledger, thresholds: Thresholds) -> list[Pa
         layer = _LAYERS[prefix]
         with run.timed(f"reconcile {layer.name}"):
             path = run.folder / f"{layer.name}.parquet"
-            rules, margin = _network_rules(run, prefix, thresholds)
-            write_centerlines(path, fragments, run.grid, prefix, rules, scale, margin)
+            cleaning, margin = _network_cleaning(run, prefix, thresholds)
+            write_centerlines(path, fragments, run.grid, prefix, cleaning, scale, margin)
             return path
 
     with ThreadPoolExecutor(min(len(_LAYERS), run.options.workers)) as pool:
         return run.in_format(list(pool.map(write, _LAYERS)))
 
 
-def _network_rules(run: Work, prefix: str, thresholds: Thresholds) -> tuple[NetworkRules, int]:
-    """Cleaning rules of one way to centerlines in pixels, and the width of the raster's border zone."""
+def _network_cleaning(run: Work, prefix: str, thresholds: Thresholds) -> tuple[Cleaning, int]:
+    """Cleaning of one way to centerlines in pixels, and the width of the raster's border zone."""
     p: StreetParameters = run.parameters
     pixels = 1 / run.resolution
-    rules = NetworkRules(
+    cleaning = Cleaning(
         contraction=max(2.0, p.junction_distance * pixels),
         maximum_gap=p.maximum_gap * pixels,
         maximum_angle=min(max(p.maximum_gap_angle, 1.0), 89.0),
@@ -98,8 +100,8 @@ def _network_rules(run: Work, prefix: str, thresholds: Thresholds) -> tuple[Netw
         minimum_length=p.minimum_length * pixels,
     )
     if prefix == RIDGE:
-        return replace(rules, high=thresholds.high), int(np.ceil(thresholds.sigma))
-    return rules, 2
+        return replace(cleaning, high=thresholds.high), int(np.ceil(thresholds.sigma))
+    return cleaning, 2
 
 
 def write_centerlines(
@@ -107,7 +109,7 @@ def write_centerlines(
     ledger: Ledger,
     grid: TileGrid,
     prefix: str,
-    rules: NetworkRules,
+    cleaning: Cleaning,
     scale: LineScale,
     margin: int,
 ) -> int:
@@ -119,7 +121,7 @@ def write_centerlines(
         GeoParquet file to write.
     ledger, grid, prefix
         Where the fragments lie.
-    rules
+    cleaning
         How the graph is cleaned.
     scale
         Pixels and greys in metres.
@@ -137,12 +139,12 @@ def write_centerlines(
     for number in range(len(grid)):
         fragments, attributes = reader(number)
         tables.append(summarise(fragments, width, attributes.get("response")))
-    network = build_network(tables, width, reader, rules, raster_border(grid.shape, margin))
+    network = build_network(tables, width, reader, cleaning, raster_border(grid.shape, margin))
     with ParquetLineWriter(path, _LAYERS[prefix].dtypes, scale.geometry.crs) as writer:
         for batch in iterate_lines(network, reader):
             columns = line_columns(batch, scale)
-            xy, offsets = _simplified(_map_coordinates(batch.xy, scale.geometry), batch.offsets, scale)
-            writer.append(columns, xy, offsets)
+            lines = replace(batch.polylines, vertices=_map_coordinates(batch.polylines.vertices, scale.geometry))
+            writer.append(columns, _simplified(lines, scale))
     return len(network)
 
 
@@ -151,22 +153,19 @@ def _map_coordinates(xy: NDArray[np.float64], geometry: Geometry) -> NDArray[np.
     return np.stack([geometry.left + xy[:, 0] * geometry.pixel, geometry.top - xy[:, 1] * geometry.pixel], axis=1)
 
 
-def _simplified(
-    xy: NDArray[np.float64], offsets: NDArray[np.int64], scale: LineScale
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def _simplified(polylines: Polylines, scale: LineScale) -> Polylines:
     """Lines with fewer vertices, none farther off than the tolerance; their ends stay where they are."""
     import shapely
 
-    if scale.simplification == 0 or len(offsets) == 1:
-        return xy, offsets
+    if scale.simplification == 0 or len(polylines) == 0:
+        return polylines
     tolerance = scale.simplification / scale.geometry.metres
-    lines = lines_from_ragged(xy, offsets)
+    lines, ring = line_strings(polylines), polylines.closed
     # the plain algorithm is faster, but could collapse a small ring
-    ring = (xy[offsets[:-1]] == xy[offsets[1:] - 1]).all(axis=1)
     lines[ring] = shapely.simplify(lines[ring], tolerance, preserve_topology=True)
     lines[~ring] = shapely.simplify(lines[~ring], tolerance, preserve_topology=False)
     _, vertices, (starts,) = shapely.to_ragged_array(lines)
-    return vertices, np.asarray(starts, np.int64)
+    return Polylines(np.asarray(starts, np.int64), vertices)
 
 
 def line_columns(batch: LineBatch, scale: LineScale) -> dict[str, NDArray[Any]]:
@@ -177,50 +176,44 @@ def line_columns(batch: LineBatch, scale: LineScale) -> dict[str, NDArray[Any]]:
     dict
         The columns of the layer; lengths in metres, NaN where no point of a line has a value.
     """
-    offsets, metres = batch.offsets, scale.geometry.resolution
-    lines = offsets.size - 1
-    step = np.hypot(*np.diff(batch.xy, axis=0).T) if len(batch.xy) else np.empty(0)
+    offsets, xy, metres = batch.polylines.offsets, batch.polylines.vertices, scale.geometry.resolution
+    step = np.hypot(*np.diff(xy, axis=0).T) if len(xy) else np.empty(0)
     step = np.concatenate([step, [0.0]])
     step[offsets[1:] - 1] = 0.0
     width = batch.attributes["width"].astype(np.float64) * metres
     response = batch.attributes["response"].astype(np.float64)
     response[response <= 0] = np.nan
     error = position_standard_error(response, scale.sigma, scale.noise) * metres
-    first = np.repeat(offsets[:-1], np.diff(offsets))
-    last = np.repeat(offsets[1:], np.diff(offsets)) - 1
+    line = run_of_rows(offsets)
+    first, last = offsets[:-1][line], offsets[1:][line] - 1
     place = np.arange(offsets[-1])
     return {
         "line_id": batch.line,
         "from_node": batch.start,
         "to_node": batch.end,
-        "length_m": _sums(step, offsets) * metres,
+        "length_m": reduce_runs(np.add, step, offsets) * metres,
         "mean_width_m": _means(width, offsets),
         "start_width_m": _means(np.where(place - first < _END_POINTS, width, np.nan), offsets),
         "end_width_m": _means(np.where(last - place < _END_POINTS, width, np.nan), offsets),
         "response": _means(response, offsets),
         "contrast": _means(batch.attributes["contrast"].astype(np.float64), offsets),
         "position_standard_error_m": _means(error, offsets),
-        "region_id": _most_frequent(batch.attributes["region"].astype(np.int64), offsets, lines),
+        "region_id": _most_frequent(batch.attributes["region"].astype(np.int64), line, len(batch.line)),
     }
-
-
-def _sums(values: NDArray[np.float64], offsets: NDArray[np.int64]) -> NDArray[np.float64]:
-    return np.add.reduceat(values, offsets[:-1]) if offsets.size > 1 else np.empty(0)
 
 
 def _means(values: NDArray[np.float64], offsets: NDArray[np.int64]) -> NDArray[np.float64]:
     """Mean of each group without its NaN."""
     valid = ~np.isnan(values)
-    count = _sums(valid.astype(np.float64), offsets)
-    total = _sums(np.where(valid, values, 0.0), offsets)
+    count = reduce_runs(np.add, valid.astype(np.float64), offsets)
+    total = reduce_runs(np.add, np.where(valid, values, 0.0), offsets)
     means = np.full(count.shape, np.nan)
     np.divide(total, count, out=means, where=count > 0)
     return means
 
 
-def _most_frequent(values: NDArray[np.int64], offsets: NDArray[np.int64], groups: int) -> NDArray[np.int64]:
+def _most_frequent(values: NDArray[np.int64], group: NDArray[np.int64], groups: int) -> NDArray[np.int64]:
     """Most frequent positive value of each group, the lowest of equals; 0 where there is none."""
-    group = np.repeat(np.arange(groups), np.diff(offsets))
     keys, count = np.unique((group << 32 | values)[values > 0], return_counts=True)
     group, value = keys >> 32, keys & 0xFFFFFFFF
     # sorted so that the winner of each group comes last

@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from tilepipe_kernels.core.arrays import namespace, simulating
+from tilepipe_kernels.core.arrays import namespace
 from tilepipe_kernels.core.compiled import grid
 from tilepipe_kernels.core.cuda import cuda
+from tilepipe_kernels.core.simulated import simulating
 from tilepipe_kernels.image.gaussian_passes import (
     ZERO,
     bend_four,

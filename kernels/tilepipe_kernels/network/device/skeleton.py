@@ -7,18 +7,8 @@ from typing import Any
 from tilepipe_kernels.core.arrays import namespace, to_host
 from tilepipe_kernels.core.compiled import grid
 from tilepipe_kernels.core.cuda import cuda
-from tilepipe_kernels.network.skeleton import (
-    ANCHOR,
-    BACKGROUND,
-    CLEANING_SWEEPS,
-    IS_REMOVABLE,
-    IS_SIMPLE,
-    LINKS,
-    SUBFIELDS,
-    axis_side,
-    neighbour_code,
-    subfield,
-)
+from tilepipe_kernels.network.neighbours import IS_REMOVABLE, IS_SIMPLE, LINKS, neighbour_code
+from tilepipe_kernels.network.skeleton import ANCHOR, BACKGROUND, CLEANING_SWEEPS, SUBFIELDS, axis_side, subfield
 
 
 @cuda.jit(device=True)

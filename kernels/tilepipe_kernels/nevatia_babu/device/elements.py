@@ -1,4 +1,4 @@
-"""`nevatia_babu` on the device: first the winners of all pixels, then which of them stay."""
+"""`elements` on the device: first the winners of all pixels, then which of them stay."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ import numpy as np
 from tilepipe_kernels.core.arrays import namespace
 from tilepipe_kernels.core.compiled import grid
 from tilepipe_kernels.core.cuda import cuda
-from tilepipe_kernels.nevatia_babu.elements import NO_DIRECTION, element_of, winning_line
+from tilepipe_kernels.nevatia_babu.elements import element_of, winning_line
+from tilepipe_kernels.nevatia_babu.masks import NO_DIRECTION
 
 _NO_LINE = np.uint8(0)
 

@@ -8,7 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tilepipe_kernels.core.compiled import loop, rule
-from tilepipe_kernels.polylines.join import Arcs, Int64, Vertices
+from tilepipe_kernels.core.polylines import Vertices
+from tilepipe_kernels.core.ragged import Int64
+from tilepipe_kernels.core.union_find import flatten, root_of
+from tilepipe_kernels.polylines.join import Arcs
 from tilepipe_kernels.polylines.regularise.points import doubled_areas
 
 LEAST_AREA = 12.0
@@ -81,10 +84,10 @@ def main_directions(
     >>> from tilepipe_kernels.polylines.arcs import trace_arcs
     >>> from tilepipe_kernels.polylines.join import join_arcs
     >>> from tilepipe_kernels.polylines.regularise.directions import main_directions
-    >>> from tilepipe_kernels.polylines.simplify import simplify_arcs
+    >>> from tilepipe_kernels.polylines.simplify import simplify_polylines
     >>> y, x = np.mgrid[-60:60, -60:60]
     >>> labels = 1 + ((abs(0.87 * x + 0.5 * y) < 30) & (abs(0.87 * y - 0.5 * x) < 20)).astype(np.int32)
-    >>> arcs = simplify_arcs(join_arcs([trace_arcs(labels)]), tolerance=1.0)
+    >>> arcs = simplify_polylines(join_arcs([trace_arcs(labels)]), tolerance=1.0)
     >>> building = np.array([False, False, True])
     >>> quarter = main_directions(arcs, labels.shape, 1.0, 1.0, building).quarter
     >>> round(np.degrees(np.angle(quarter[-1])).item() / 4)
@@ -200,18 +203,10 @@ def _shared(one: Int64, other: Int64, sums: Complex, wanted: NDArray[np.bool_]) 
     """Join neighbours that agree, in the given order; ``sums`` becomes the sum of all that share a frame."""
     root = np.arange(len(wanted))
     for k in range(len(one)):
-        a, b = one[k], other[k]
-        while root[a] != a:
-            root[a] = root[root[a]]
-            a = root[a]
-        while root[b] != b:
-            root[b] = root[root[b]]
-            b = root[b]
+        a, b = root_of(root, one[k]), root_of(root, other[k])
         if a != b and closeness(sums[a], sums[b]) >= _AGREE * abs(sums[a]) * abs(sums[b]):
             a, b = min(a, b), max(a, b)
             root[b] = a
             sums[a] += sums[b]
-    for a in range(len(wanted)):
-        # roots are the lowest of their set, so that the root of a lower region is known already
-        root[a] = root[root[a]] if wanted[a] else -1
-    return root
+    flatten(root)
+    return np.where(wanted, root, -1)

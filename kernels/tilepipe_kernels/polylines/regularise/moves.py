@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tilepipe_kernels.core.compiled import loop, rule
-from tilepipe_kernels.polylines.join import Arcs, Int64
+from tilepipe_kernels.core.ragged import Int64, run_of_rows
+from tilepipe_kernels.polylines.join import Arcs
 from tilepipe_kernels.polylines.regularise.points import (
     UNITS,
     Bools,
@@ -111,7 +112,7 @@ def remove_vertices(arcs: Arcs, points: Points, sides: Sides, removable: Bools, 
     bool array of shape (m,)
     """
     cells = cells_of_points(points)
-    arc_of = np.repeat(np.arange(len(arcs)), np.diff(arcs.offsets))
+    arc_of = run_of_rows(arcs.offsets)
     kept: Bools = _remove(
         arcs.offsets, arc_of, points.of_vertex, points.row, points.column, points.offsets, points.edges,
         sides.left, sides.right, sides.area, sides.least,
@@ -196,7 +197,7 @@ def move_points(arcs: Arcs, points: Points, sides: Sides, row: Int64, column: In
     # a path may be as long as the reach, and the edge that it meets has moved by as much
     edges = cells_of_edges(arcs.offsets, points, 2 * reach + 1)
     near = cells_of_points(points)
-    arc_of = np.repeat(np.arange(len(arcs)), np.diff(arcs.offsets))
+    arc_of = run_of_rows(arcs.offsets)
     _move(
         movers, row, column, arc_of, points.of_vertex, points.row, points.column, points.offsets, points.edges,
         sides.left, sides.right, sides.area, sides.least, np.ones(len(points.row), np.bool_), reach + 1,

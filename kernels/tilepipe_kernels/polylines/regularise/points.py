@@ -8,7 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tilepipe_kernels.core.compiled import loop, rule
-from tilepipe_kernels.polylines.join import Arcs, Int64, Vertices
+from tilepipe_kernels.core.polylines import Vertices
+from tilepipe_kernels.core.ragged import Int64, offsets_of
+from tilepipe_kernels.polylines.join import Arcs
 from tilepipe_kernels.polylines.simplify import CELL, cell_columns, cell_rows
 
 UNITS = 256
@@ -151,8 +153,7 @@ def cells_of_points(points: Points) -> Cells:
     cell_row, cell_column = points.row // (CELL * UNITS), points.column // (CELL * UNITS)
     columns = int(cell_column.max(initial=0)) + 1
     cell = cell_row * columns + cell_column
-    offsets = np.zeros((int(cell_row.max(initial=0)) + 1) * columns + 1, np.int64)
-    np.cumsum(np.bincount(cell, minlength=offsets.size - 1), out=offsets[1:])
+    offsets = offsets_of(np.bincount(cell, minlength=(int(cell_row.max(initial=0)) + 1) * columns))
     return Cells(columns, offsets, np.argsort(cell, kind="stable").astype(np.int32))
 
 

@@ -9,16 +9,19 @@ houses become one line. A vertex is one point for all regions around it, and it 
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
 from tilepipe_kernels.core.compiled import loop
-from tilepipe_kernels.polylines.join import Arcs, Int64
+from tilepipe_kernels.core.ragged import Int64
+from tilepipe_kernels.polylines.join import Arcs
 from tilepipe_kernels.polylines.regularise.directions import Directions, main_directions
-from tilepipe_kernels.polylines.regularise.lines import fitted_lines, joined_lines
+from tilepipe_kernels.polylines.regularise.fitted_lines import fitted_lines, joined_lines
 from tilepipe_kernels.polylines.regularise.moves import move_points, remove_vertices
 from tilepipe_kernels.polylines.regularise.points import UNITS, Bools, Points, Sides, arcs_near, points_of, sides_of
-from tilepipe_kernels.polylines.simplify import simplify_arcs
+from tilepipe_kernels.polylines.simplify import simplify_polylines
 
 LEAST_SINE = 0.5
 """Sine of the angle from which two lines tell a point."""
@@ -50,7 +53,7 @@ def regularise_arcs(
     shape
         Rows and columns of the raster: vertices on its outer border stay on it.
     simplification
-        Tolerance of the other borders in metres, as for `simplify_arcs`.
+        Tolerance of the other borders in metres, as for `simplify_polylines`.
     pixel_height, pixel_width
         Size of a pixel in metres, > 0.
     regions
@@ -85,30 +88,17 @@ def regularise_arcs(
     """
     sizes = pixel_height, pixel_width
     allowance = OF_LINES * tolerance
-    coarse = simplify_arcs(exact, allowance, *sizes)
+    coarse = simplify_polylines(exact, allowance, *sizes)
     if len(exact) == 0 or tolerance == 0:
-        return simplify_arcs(exact, simplification, *sizes)
+        return simplify_polylines(exact, simplification, *sizes)
     directions = main_directions(coarse, shape, *sizes, regions)
     regular = (directions.frame[directions.left] >= 0) | (directions.frame[directions.right] >= 0)
-    arcs = simplify_arcs(exact, np.where(regular, allowance, simplification), *sizes)
+    arcs = simplify_polylines(exact, np.where(regular, allowance, simplification), *sizes)
     sides = sides_of(arcs, directions.left, directions.right)
     near = arcs_near(arcs, regular, 2 * tolerance / min(sizes) + 2)
     far = np.setdiff1d(np.arange(len(arcs)), near, assume_unique=True)
-    turned = _turned(_taken(arcs, near), _taken(exact, near), sides.taken(near), directions, tolerance, shape, sizes)
-    rest = _taken(arcs, far)
-    together = Arcs(
-        np.concatenate([rest.offsets, rest.offsets[-1] + turned.offsets[1:]]),
-        *(np.concatenate([getattr(some, name) for some in (rest, turned)]) for name in ("vertices", "left", "right")),
-    )
-    return _taken(together, np.argsort(np.concatenate([far, near])))
-
-
-def _taken(arcs: Arcs, order: Int64) -> Arcs:
-    """Arcs by their numbers: a part of them, or in another order."""
-    sizes = np.diff(arcs.offsets)[order]
-    offsets = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
-    rows = np.repeat(arcs.offsets[order] - offsets[:-1], sizes) + np.arange(offsets[-1])
-    return Arcs(offsets, arcs.vertices[rows], arcs.left[order], arcs.right[order])
+    turned = _turned(arcs.taken(near), exact.taken(near), sides.taken(near), directions, tolerance, shape, sizes)
+    return Arcs.concatenated([arcs.taken(far), turned]).taken(np.argsort(np.concatenate([far, near])))
 
 
 def _turned(
@@ -126,7 +116,7 @@ def _turned(
     points = points_of(arcs.offsets, arcs.vertices)
     line = joined_lines(lines, points, sizes, allowance)
     order = _starts_at_corners(arcs.offsets, points.of_vertex, points.offsets, line)
-    arcs, line = Arcs(arcs.offsets, arcs.vertices[order], arcs.left, arcs.right), line[order]
+    arcs, line = replace(arcs, vertices=arcs.vertices[order]), line[order]
     points = points.with_vertices(arcs.offsets, order)
     arcs, line, points = _without_vertices_amid_lines(arcs, line, points, sides, reach)
     place = points.row, points.column, points.offsets, points.edges
@@ -134,16 +124,15 @@ def _turned(
     move_points(arcs, points, sides, row, column, reach)
     arcs, _, points = _without_vertices_amid_lines(arcs, line, points, sides, reach)
     vertices = np.stack([points.row, points.column], axis=1)[points.of_vertex] / UNITS
-    return Arcs(arcs.offsets, vertices, arcs.left, arcs.right)
+    return replace(arcs, vertices=vertices)
 
 
 def _without_vertices_amid_lines(
     arcs: Arcs, line: Int64, points: Points, sides: Sides, reach: float
 ) -> tuple[Arcs, Int64, Points]:
     kept = remove_vertices(arcs, points, sides, _amid_lines(arcs.offsets, line), reach)
-    offsets = np.concatenate([[0], np.cumsum(kept)])[arcs.offsets]
-    left = Arcs(offsets, arcs.vertices[kept], arcs.left, arcs.right)
-    return left, line[kept], points.with_vertices(offsets, kept)
+    left = arcs.with_vertices(kept)
+    return left, line[kept], points.with_vertices(left.offsets, kept)
 
 
 @loop

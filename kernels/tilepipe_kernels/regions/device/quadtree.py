@@ -15,7 +15,8 @@ import numpy as np
 from tilepipe_kernels.core.arrays import namespace
 from tilepipe_kernels.core.compiled import grid
 from tilepipe_kernels.core.cuda import cuda
-from tilepipe_kernels.regions.quadtree import MISSING, LeafTable, add_tick, exceeds
+from tilepipe_kernels.regions.quadtree import LeafTable, exceeds
+from tilepipe_kernels.regions.quadtree_sums import MISSING, add_tick
 
 _LONGEST_CELL = 4
 _NOTHING = np.int64(0)

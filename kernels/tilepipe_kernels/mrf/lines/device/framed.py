@@ -1,4 +1,4 @@
-"""`line_field` on the device: the sites that exist, and what they begin with."""
+"""`framed` on the device: the sites that exist, and what they begin with."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Any
 
 from tilepipe_kernels.core.compiled import grid
 from tilepipe_kernels.core.cuda import cuda
-from tilepipe_kernels.mrf.lines.minimise import first_element
+from tilepipe_kernels.mrf.lines.framed import first_element
 
 
 @grid

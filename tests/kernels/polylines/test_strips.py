@@ -5,16 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tilepipe.pipelines.edges.street_candidates import _along, in_long_strips
+from tilepipe_kernels.core.polylines import Polylines
+from tilepipe_kernels.core.ragged import offsets_of
 from tilepipe_kernels.polylines.parallel_lines import RIGHT, opposite_samples, sample_lines
+from tilepipe_kernels.polylines.strips import _along, in_long_strips
 
 STEP = 2.0
 
 
 def shares(*lines, gap: float = 10.0, least: float = 15.0) -> list[float]:
     """Share of each line that lies along a long strip; all lines are dark on their right."""
-    offsets = np.cumsum([0, *map(len, lines)])
-    samples = sample_lines(offsets, np.concatenate([np.asarray(line, float) for line in lines]), STEP)
+    vertices = np.concatenate([np.asarray(line, float) for line in lines])
+    samples = sample_lines(Polylines(offsets_of([*map(len, lines)]), vertices), STEP)
     darker = np.full(len(lines), RIGHT, np.int8)
     seen = opposite_samples(samples, darker, step=STEP, least=4.0, most=25.0, angle=10.0)
     kept = in_long_strips(samples, seen, step=STEP, gap=gap, least=least)

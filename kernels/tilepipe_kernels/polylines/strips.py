@@ -34,7 +34,7 @@ def in_long_strips(samples: Samples, opposite: Opposite, *, step: float, gap: fl
     Parameters
     ----------
     samples
-        Points along lines in pixels, of `tilepipe_kernels.polylines.parallel_lines.sample_lines`.
+        Points along lines in pixels, of `sample_lines`.
     opposite
         What they see, of `opposite_samples`; what a line sees of itself is the far side of a roof or shadow, and left
         out here.

@@ -8,7 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tilepipe_kernels.core.compiled import loop
-from tilepipe_kernels.polylines.join import Arcs, Int64, Vertices
+from tilepipe_kernels.core.polylines import Vertices
+from tilepipe_kernels.core.ragged import Int64
+from tilepipe_kernels.core.union_find import flatten, root_of
+from tilepipe_kernels.polylines.join import Arcs
 from tilepipe_kernels.polylines.regularise.directions import Directions, closeness, on_one_side, quarter_turns
 from tilepipe_kernels.polylines.regularise.points import UNITS, Bools, Points, Sides
 
@@ -22,7 +25,7 @@ Float = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Lines:
+class FittedLines:
     """Lines of edges, by the number of an edge's first vertex, shape (m,), in metres.
 
     ``frame`` numbers the direction, 2 f along main direction f and 2 f + 1 across it, or is -1. A line holds the points
@@ -48,7 +51,7 @@ def fitted_lines(
     tolerance: float,
     shape: tuple[int, int],
     sizes: tuple[float, float],
-) -> Lines:
+) -> FittedLines:
     """A line of its own for each edge that can turn to a main direction of the region on one of its sides.
 
     ``exact`` are the same arcs along the cracks; a line leaves as much of them on either side. ``tolerance`` is the
@@ -57,7 +60,7 @@ def fitted_lines(
     angle = np.angle(directions.quarter) / 4
     frames = directions.frame, directions.quarter, np.cos(angle), np.sin(angle)
     of_arcs = arcs.offsets, arcs.vertices, exact.offsets, exact.vertices, sides.left, sides.right
-    return Lines(*_fit(*of_arcs, *frames, shape, sizes, tolerance))
+    return FittedLines(*_fit(*of_arcs, *frames, shape, sizes, tolerance))
 
 
 @loop
@@ -122,7 +125,7 @@ def _leading(
     return other if gain > 0 else one
 
 
-def joined_lines(lines: Lines, points: Points, sizes: tuple[float, float], tolerance: float) -> Int64:
+def joined_lines(lines: FittedLines, points: Points, sizes: tuple[float, float], tolerance: float) -> Int64:
     """Join the lines of edges that go on from one another; for each edge the root of its line, or -1."""
     place = points.of_vertex, points.row, points.column
     own = lines.level.copy(), lines.low.copy(), lines.high.copy(), lines.weight.copy()
@@ -178,11 +181,7 @@ def _join(pairs: Int64, root: Int64, level: Float, low: Float, high: Float, weig
     """Join lines in the given order while all ends stay within the tolerance of the mean line."""
     root[:] = np.arange(len(root))
     for k in range(len(pairs)):
-        one, other = pairs[k, 0], pairs[k, 1]
-        while root[one] != one:
-            one = root[one]
-        while root[other] != other:
-            other = root[other]
+        one, other = root_of(root, pairs[k, 0]), root_of(root, pairs[k, 1])
         if one == other:
             continue
         both = weight[one] + weight[other]
@@ -192,8 +191,7 @@ def _join(pairs: Int64, root: Int64, level: Float, low: Float, high: Float, weig
             one, other = min(one, other), max(one, other)
             root[other] = one
             level[one], low[one], high[one], weight[one] = middle, least, most, both
-    for k in range(len(root)):
-        root[k] = root[root[k]]
+    flatten(root)
 
 
 @loop

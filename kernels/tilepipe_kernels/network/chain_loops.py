@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tilepipe_kernels.core.compiled import loop
+from tilepipe_kernels.core.ragged import Int64
 from tilepipe_kernels.network.fragment_table import axial_and_diagonal
 
-Int64 = NDArray[np.int64]
 Bool = NDArray[np.bool_]
 
 

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tilepipe_kernels.core.compiled import loop, rule
+from tilepipe_kernels.core.ragged import Int64
 
-Int64 = NDArray[np.int64]
 Bool = NDArray[np.bool_]
 
 

@@ -1,21 +1,64 @@
-"""Rules that clean a street graph: hysteresis, contraction of junctions, pruning and the length filter.
+"""How a street graph is cleaned: hysteresis, contraction of junctions, pruning and the length filter.
 
-Every rule decides from integers (links, degrees, pixels) or from order-free reductions, so it cannot see
+Every step decides from integers (links, degrees, pixels) or from order-free reductions, so it cannot see
 the tiling.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tilepipe_kernels.core.components import connected_components
-from tilepipe_kernels.network.street_graph import Bool, Graph, Int64, canonical, dissolve, keep
+from tilepipe_kernels.core.ragged import Int64
+from tilepipe_kernels.network.street_graph import Bool, Graph, canonical, dissolve, keep
 
 OnBorder = Callable[[Int64], Bool]
+
+
+@dataclass(frozen=True)
+class Cleaning:
+    """What is done to the joined lines, in this order; lengths in pixels, 0 or None leaves a step out.
+
+    Attributes
+    ----------
+    high
+        Response that a line must reach somewhere (upper hysteresis threshold).
+    through_junctions
+        Whether hysteresis follows lines through junctions (else each edge must reach ``high``).
+    contraction
+        Junctions that edges up to this length hold together become one.
+    maximum_gap, maximum_angle
+        Longest bridge across a gap, and the widest angle in degrees between a line's end and its bridge.
+    direction_steps
+        Links over which the direction of a line's end is taken.
+    minimum_branch
+        Dangling branches shorter than this are pruned.
+    minimum_length
+        Connected components with less total length than this are dropped.
+    """
+
+    high: float | None = None
+    through_junctions: bool = True
+    contraction: float = 0.0
+    maximum_gap: float = 0.0
+    maximum_angle: float = 30.0
+    direction_steps: int = 10
+    minimum_branch: float = 0.0
+    minimum_length: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("contraction", "maximum_gap", "minimum_branch", "minimum_length"):
+            value = getattr(self, name)
+            if not 0 <= value < np.inf:
+                raise ValueError(f"{name} must be a length of at least 0 pixels, got {value}")
+        if not 0 < self.maximum_angle < 90:
+            raise ValueError(f"maximum_angle must lie between 0 and 90 degrees, got {self.maximum_angle}")
+        if self.direction_steps < 1:
+            raise ValueError(f"direction_steps must be at least 1, got {self.direction_steps}")
 
 
 def raster_border(shape: tuple[int, int], margin: int = 0) -> OnBorder:
@@ -24,7 +67,7 @@ def raster_border(shape: tuple[int, int], margin: int = 0) -> OnBorder:
     Examples
     --------
     >>> import numpy as np
-    >>> from tilepipe_kernels.network.rules import raster_border
+    >>> from tilepipe_kernels.network.cleaning import raster_border
     >>> raster_border((100, 50))(np.array([7, 50, 75])).tolist()  # in row 0, in column 0, inside
     [True, True, False]
     """
@@ -84,7 +127,6 @@ def contract(graph: Graph, distance: float) -> Graph:
     label = connected_components(len(nodes), ends[short])
     _, lowest, size = np.unique(label, return_index=True, return_counts=True)
     node = nodes[lowest][label]
-    points = np.add.reduceat(graph.part_stop - graph.part_start, graph.offsets[:-1])
     inside = (node[ends[:, 0]] == node[ends[:, 1]]) & (graph.start != graph.end)
     merged = size[label] > 1
     # members of an earlier contraction follow their node; a node that is gone has none
@@ -102,7 +144,7 @@ def contract(graph: Graph, distance: float) -> Graph:
         member_pixel=pairs[:, 1].copy(),
         member_position=positions[first],
     )
-    return dissolve(canonical(keep(moved, ~short & ~(inside & (points < 4)))))
+    return dissolve(canonical(keep(moved, ~short & ~(inside & (graph.points < 4)))))
 
 
 def drop_twins(graph: Graph, longest: float) -> Graph:

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe_kernels.network.build import LineBatch, Network, NetworkRules, build_network, line_batch
+from tilepipe_kernels.network.build import LineBatch, Network, build_network, line_batch
+from tilepipe_kernels.network.cleaning import Cleaning, OnBorder, nowhere, prune
 from tilepipe_kernels.network.fragment_table import summarise
 from tilepipe_kernels.network.points import Attributes, LoadTile, gather
-from tilepipe_kernels.network.rules import OnBorder, nowhere, prune
 from tilepipe_kernels.network.skeleton import skeleton_links
 from tilepipe_kernels.network.street_graph import graph_of, join
 from tilepipe_kernels.network.tracing import Fragments, trace
@@ -18,7 +18,7 @@ from tilepipe_kernels.network.tracing import Fragments, trace
 
 def trace_lines(
     links: NDArray[np.uint8],
-    rules: NetworkRules | None = None,
+    cleaning: Cleaning | None = None,
     response: NDArray[np.float32] | None = None,
     on_border: OnBorder = nowhere,
 ) -> tuple[Network, LineBatch]:
@@ -28,7 +28,7 @@ def trace_lines(
     ----------
     links
         uint8, shape (rows, columns): pixel graph, see ``tilepipe_kernels.network.tracing``.
-    rules
+    cleaning
         What to clean.
     response
         float32, shape (rows, columns), for hysteresis; it becomes the point attribute ``response``.
@@ -57,8 +57,8 @@ def trace_lines(
     attributes = {} if response is None else {"response": response.astype(np.float32).ravel()[fragments.pixels]}
     load_tile = _one_tile(fragments, attributes)
     table = summarise(fragments, links.shape[1], attributes.get("response"))
-    network = build_network([table], links.shape[1], load_tile, rules, on_border)
-    return network, line_batch(network, load_tile, 0, len(network), None)
+    network = build_network([table], links.shape[1], load_tile, cleaning, on_border)
+    return network, line_batch(network, load_tile, 0, len(network))
 
 
 def prune_skeleton(skeleton: NDArray[Any], length: float) -> NDArray[np.bool_]:
