@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from tilepipe.engine.allocator import keep_freed_memory
+from tilepipe.engine.tiles.allocator import keep_freed_memory
 
 
 def main() -> None:

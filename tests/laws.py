@@ -9,9 +9,9 @@ from unittest.mock import patch
 
 import pytest
 
-from tilepipe.engine import passes
 from tilepipe.engine.options import RunOptions
 from tilepipe.engine.run import RECORD, STATE, TIMINGS
+from tilepipe.engine.tiles import passes
 from tilepipe.errors import TileError
 from tilepipe.tiling.grid import Tile
 

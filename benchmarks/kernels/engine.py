@@ -11,10 +11,10 @@ import numpy as np
 
 from benchmarks.kernels.scene import Scene
 from benchmarks.measure.contest import Call, Case, Contestant
-from tilepipe.engine.executors import open_executor
-from tilepipe.engine.passes import BoundPass, run_pass
 from tilepipe.engine.progress import Silent
-from tilepipe.engine.state import StateArray, write_state
+from tilepipe.engine.tiles.executors import open_executor
+from tilepipe.engine.tiles.passes import BoundPass, run_pass
+from tilepipe.engine.tiles.state import StateArray, write_state
 from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import Tile, TileGrid
 

@@ -19,7 +19,7 @@ from benchmarks.thesis.results import Results, draw, gather
 from benchmarks.thesis.runs import FORMS, OURS, PLAIN, RUNS, Form, classical, execute
 from benchmarks.thesis.scenes import DRAWINGS, Scene
 from benchmarks.thesis.verdicts import CLOSE, MOST, Finding, judge
-from tilepipe.engine.allocator import keep_freed_memory
+from tilepipe.engine.tiles.allocator import keep_freed_memory
 
 DRAWS = 5
 REPETITIONS = 3

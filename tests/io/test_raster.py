@@ -320,7 +320,7 @@ def test_the_unit_of_heights(tmp_path, crs, unit, metres):
 
 def test_pipelines_take_heights_in_metres(tmp_path):
     from tilepipe.engine.request import AlignedRaster
-    from tilepipe.engine.state import StateArray
+    from tilepipe.engine.tiles.state import StateArray
     from tilepipe.pipelines.objects.parameters import object_parameters
     from tilepipe.pipelines.objects.pass_leaves import LeafContext, find_leaves
     from tilepipe.pipelines.streets.parameters import street_parameters

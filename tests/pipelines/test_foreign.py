@@ -16,8 +16,6 @@ import rasterio
 from scipy import ndimage
 
 from tests.scenes import write_raster
-from tilepipe.engine.layers import TableLayer
-from tilepipe.engine.pipeline import Pass, Pipeline
 from tilepipe.errors import InputError
 from tilepipe.pipelines import registry
 
@@ -199,12 +197,3 @@ def test_a_name_of_tilepipe_itself_is_not_taken(beside: Callable[[Path], None], 
 
 def test_an_unknown_pipeline_is_said(scene: Path) -> None:
     assert tell("nonsense", scene, packages=()).returncode == 2
-
-
-def test_names_must_differ_within_a_pipeline() -> None:
-    layer = TableLayer("a", "Point", {}, "")
-    one = Pass("a", print, halo=0, bytes_per_pixel=1)
-    with pytest.raises(ValueError, match="layer 'a' twice"):
-        Pipeline(name="x", summary="", parameters=object, passes=(one,), layers=(layer, layer), recipe=print)
-    with pytest.raises(ValueError, match="declares no pass"):
-        Pipeline(name="x", summary="", parameters=object, passes=(), layers=(), recipe=print)

@@ -12,7 +12,7 @@ import typer
 from tilepipe import __version__
 from tilepipe.cli import records, tools
 from tilepipe.cli.pipelines import PipelineCommands
-from tilepipe.engine.allocator import keep_freed_memory
+from tilepipe.engine.tiles.allocator import keep_freed_memory
 from tilepipe.errors import InputError, TileError
 
 DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130

@@ -16,7 +16,7 @@ from pydantic import BaseModel
 
 from tilepipe.engine.inputs import Input
 from tilepipe.engine.layers import Layer, RasterLayer, TableLayer
-from tilepipe.engine.passes import TileFunction
+from tilepipe.engine.tiles.passes import TileFunction
 from tilepipe.tiling.grid import TileGrid
 
 if TYPE_CHECKING:
@@ -96,7 +96,7 @@ class Pass:
     name
         Name in messages, progress, plans and the state folder.
     function
-        Module-level function ``function(context, tile) -> facts``; it writes state by `engine.state.write_state`.
+        Module-level function ``function(context, tile) -> facts``; it writes state by `engine.tiles.state.write_state`.
     halo
         Width in pixels that the function reads around the core of a tile; 0 where it reads nothing.
     bytes_per_pixel

@@ -17,11 +17,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any, TypeVar
 
-from tilepipe.engine.executors import Executor, open_executor
-from tilepipe.engine.ledger import Ledger
 from tilepipe.engine.options import RunOptions
-from tilepipe.engine.passes import BoundPass, run_pass
 from tilepipe.engine.progress import Progress
+from tilepipe.engine.tiles.executors import Executor, open_executor
+from tilepipe.engine.tiles.ledger import Ledger
+from tilepipe.engine.tiles.passes import BoundPass, run_pass
 from tilepipe.errors import InputError
 from tilepipe.io.atomic import atomic_write_bytes
 from tilepipe.io.record import RECORD, TIMINGS, read_record

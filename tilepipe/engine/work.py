@@ -11,14 +11,14 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel
 
-from tilepipe.engine.ledger import Ledger
 from tilepipe.engine.options import RunOptions
-from tilepipe.engine.passes import BoundPass
 from tilepipe.engine.pipeline import Pass, Pipeline, Setting, amount
 from tilepipe.engine.progress import Progress, Silent
 from tilepipe.engine.request import AlignedRaster, Request, checked_request
 from tilepipe.engine.run import Run, open_run
-from tilepipe.engine.state import StateArray
+from tilepipe.engine.tiles.ledger import Ledger
+from tilepipe.engine.tiles.passes import BoundPass
+from tilepipe.engine.tiles.state import StateArray
 from tilepipe.io.cog import write_cog
 from tilepipe.io.formats import convert
 from tilepipe.io.georeference import Geometry

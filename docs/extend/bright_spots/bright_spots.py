@@ -13,17 +13,17 @@ from pydantic import BaseModel, ConfigDict, Field
 from scipy import ndimage
 
 from tilepipe.engine.layers import Column, RasterLayer, TableLayer
-from tilepipe.engine.ledger import Ledger
 from tilepipe.engine.pipeline import Pass, Pipeline, State
-from tilepipe.engine.relabel import read_relabelled
-from tilepipe.engine.state import StateArray, write_state
+from tilepipe.engine.tiles.ledger import Ledger
+from tilepipe.engine.tiles.relabel import read_relabelled
+from tilepipe.engine.tiles.state import StateArray, write_state
 from tilepipe.engine.work import Work
 from tilepipe.io.geoparquet import ParquetWriter
 from tilepipe.io.raster import Raster
 from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import Tile, Window
 from tilepipe.tiling.numbering import Numbering
-from tilepipe.tiling.seams import edge_facts, seam_edges
+from tilepipe.tiling.seams import border_facts, seam_sides
 from tilepipe_kernels.core.components import connected_components
 
 
@@ -62,7 +62,7 @@ def mark_spots(context: SpotContext, tile: Tile) -> Facts:
         "boxes": boxes.astype(np.int64) + np.tile(tile.core.origin, 2),
         "first": ndimage.minimum(site, labels, numbers).astype(np.int64) if count else np.empty(0, np.int64),
     }
-    return facts | write_state({"labels": context.labels}, tile, {"labels": labels}) | edge_facts("label", labels)
+    return facts | write_state({"labels": context.labels}, tile, {"labels": labels}) | border_facts("label", labels)
 
 
 MARK = Pass(
@@ -92,7 +92,7 @@ def join_spots(run: Work, ledger: Ledger) -> Spots:
     facts = ledger.all_facts()
     numbering = Numbering.of_counts(np.array([found["pixels"].size for found in facts]))
     pairs = [np.empty((0, 2), np.int64)]
-    for seam, first, second in seam_edges(run.grid, facts, "label"):
+    for seam, first, second in seam_sides(run.grid, facts, "label"):
         both = (first > 0) & (second > 0)
         ends = numbering.globalise(seam.first, first[both]), numbering.globalise(seam.second, second[both])
         pairs.append(np.stack(ends, axis=1))

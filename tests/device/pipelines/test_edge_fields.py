@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from tests.scenes import write_raster
 from tilepipe.engine.pipeline import Setting
-from tilepipe.engine.state import StateArray
+from tilepipe.engine.tiles.state import StateArray
 from tilepipe.pipelines.edges.parameters import edge_parameters
 from tilepipe.pipelines.edges.pass_bands import Photograph, open_photograph
 from tilepipe.pipelines.edges.pass_fields import NODATA, FieldContext, find_fields, halo

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tests.scenes import write_raster
 from tilepipe.engine.pipeline import Setting
-from tilepipe.engine.state import StateArray
+from tilepipe.engine.tiles.state import StateArray
 from tilepipe.io.raster import open_raster
 from tilepipe.pipelines.objects.parameters import object_parameters
 from tilepipe.pipelines.objects.pass_leaves import LeafContext, find_leaves, halo

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tilepipe.engine.pipeline import Pass, Setting, State
-from tilepipe.engine.state import StateArray, write_state
+from tilepipe.engine.tiles.state import StateArray, write_state
 from tilepipe.engine.work import Work
 from tilepipe.pipelines.edges.layers import LINES, NODATA, SEGMENTS
 from tilepipe.pipelines.edges.parameters import EdgeParameters

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe.engine.ledger import Ledger
 from tilepipe.engine.pipeline import Pass, Setting
+from tilepipe.engine.tiles.ledger import Ledger
 from tilepipe.engine.work import Work
 from tilepipe.errors import InputError
 from tilepipe.pipelines.edges.parameters import EdgeParameters

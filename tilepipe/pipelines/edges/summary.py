@@ -6,7 +6,7 @@ import json
 import warnings
 from pathlib import Path
 
-from tilepipe.engine.ledger import Ledger
+from tilepipe.engine.tiles.ledger import Ledger
 from tilepipe.engine.work import Work
 from tilepipe.pipelines.edges.layers import IMAGE_SUMMARY
 from tilepipe.pipelines.edges.parameters import EdgeParameters

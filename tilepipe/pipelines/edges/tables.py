@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe.engine.ledger import Ledger
+from tilepipe.engine.tiles.ledger import Ledger
 from tilepipe.engine.work import Work
 from tilepipe.io.geoparquet import ParquetLineWriter
 from tilepipe.io.georeference import Geometry

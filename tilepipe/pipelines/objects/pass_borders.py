@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tilepipe.engine.pipeline import Pass
-from tilepipe.engine.relabel import read_relabelled
-from tilepipe.engine.state import StateArray
+from tilepipe.engine.tiles.relabel import read_relabelled
+from tilepipe.engine.tiles.state import StateArray
 from tilepipe.engine.work import Work
 from tilepipe.pipelines.objects.reconcile_leaves import Leaves
 from tilepipe.pipelines.objects.reconcile_regions import LOOKUP

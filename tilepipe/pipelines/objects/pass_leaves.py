@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tilepipe.engine.pipeline import Pass, Setting, State
-from tilepipe.engine.state import StateArray, write_state
+from tilepipe.engine.tiles.state import StateArray, write_state
 from tilepipe.engine.work import Work
 from tilepipe.io.raster import Raster
 from tilepipe.pipelines.objects.leaf_features import TICKS_PER_METRE, ReliefGauge

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe.engine.device import fitting
+from tilepipe.engine.tiles.device import fitting
 from tilepipe.engine.work import Work
 from tilepipe.pipelines.objects.parameters import ObjectParameters
 from tilepipe.pipelines.objects.reconcile_leaves import Leaves

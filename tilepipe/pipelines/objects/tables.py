@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe.engine.ledger import Ledger
+from tilepipe.engine.tiles.ledger import Ledger
 from tilepipe.engine.work import Work
 from tilepipe.io.geometries import line_strings, region_polygons
 from tilepipe.io.geoparquet import ParquetWriter

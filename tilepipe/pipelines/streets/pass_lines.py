@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tilepipe.engine.pipeline import Pass, Setting
-from tilepipe.engine.relabel import read_relabelled
-from tilepipe.engine.state import StateArray
+from tilepipe.engine.tiles.relabel import read_relabelled
+from tilepipe.engine.tiles.state import StateArray
 from tilepipe.engine.work import Work
 from tilepipe.pipelines.streets.layers import NODATA
 from tilepipe.pipelines.streets.parameters import StreetParameters

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tilepipe.engine.pipeline import Pass, Setting, State
 from tilepipe.engine.request import AlignedRaster
-from tilepipe.engine.state import StateArray, write_state
+from tilepipe.engine.tiles.state import StateArray, write_state
 from tilepipe.engine.work import Work
 from tilepipe.io.raster import Raster
 from tilepipe.pipelines.streets.parameters import StreetParameters

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe.engine.ledger import Ledger
+from tilepipe.engine.tiles.ledger import Ledger
 from tilepipe.engine.work import Work
 from tilepipe.errors import InputError
 from tilepipe.pipelines.streets.parameters import StreetParameters

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from tilepipe.engine.executors import open_executor
+from tilepipe.engine.tiles.executors import open_executor
 
 
 def note(folder: Path, item: int) -> int:

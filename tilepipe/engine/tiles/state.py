@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe.engine.facts_file import checksum
+from tilepipe.engine.tiles.facts_file import checksum
 from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import Tile, TileGrid, Window
 from tilepipe_kernels.core.arrays import to_host
@@ -34,7 +34,7 @@ class StateArray:
     --------
     >>> from pathlib import Path
     >>> import numpy as np
-    >>> from tilepipe.engine.state import StateArray
+    >>> from tilepipe.engine.tiles.state import StateArray
     >>> from tilepipe.tiling.grid import TileGrid, Window
     >>> ids = StateArray(Path("ids"), TileGrid((4, 6), (4, 3)), "uint32")
     >>> ids.create()

@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tilepipe.engine.executors import open_executor
 from tilepipe.engine.options import RunOptions
-from tilepipe.engine.passes import BoundPass, run_pass
 from tilepipe.engine.progress import Silent
 from tilepipe.engine.run import open_run
-from tilepipe.engine.state import StateArray, write_state
+from tilepipe.engine.tiles.executors import open_executor
+from tilepipe.engine.tiles.passes import BoundPass, run_pass
+from tilepipe.engine.tiles.state import StateArray, write_state
 from tilepipe.errors import InputError, TileError
 from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import Tile, TileGrid

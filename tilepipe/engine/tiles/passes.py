@@ -12,11 +12,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from tilepipe.engine.device import on_device
-from tilepipe.engine.executors import Executor
-from tilepipe.engine.ledger import Ledger
 from tilepipe.engine.progress import Progress
-from tilepipe.engine.state import StateArray, is_whole
+from tilepipe.engine.tiles.device import on_device
+from tilepipe.engine.tiles.executors import Executor
+from tilepipe.engine.tiles.ledger import Ledger
+from tilepipe.engine.tiles.state import StateArray, is_whole
 from tilepipe.errors import TileError
 from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import Tile, TileGrid

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tilepipe.engine.facts_file import checksum, layout, pack
-from tilepipe.engine.ledger import Ledger
+from tilepipe.engine.tiles.facts_file import checksum, layout, pack
+from tilepipe.engine.tiles.ledger import Ledger
 
 
 def test_facts_come_back(tmp_path):

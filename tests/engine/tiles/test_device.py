@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tilepipe.engine.device import on_device
-from tilepipe.engine.executors import open_executor
 from tilepipe.engine.options import RunOptions
-from tilepipe.engine.passes import BoundPass, run_pass
 from tilepipe.engine.progress import Silent
+from tilepipe.engine.tiles.device import on_device
+from tilepipe.engine.tiles.executors import open_executor
+from tilepipe.engine.tiles.passes import BoundPass, run_pass
 from tilepipe.errors import InputError
 from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import Tile, TileGrid
@@ -103,7 +103,7 @@ def test_plan_counts_the_memory_of_the_gpu(monkeypatch: pytest.MonkeyPatch, tmp_
     from tilepipe import streets
 
     raster = write_raster(tmp_path / "scene.tif", np.ones((64, 64), np.float32))
-    monkeypatch.setattr("tilepipe.engine.pipeline.device_memory", lambda: 1000)
+    monkeypatch.setattr("tilepipe.engine.work.device_memory", lambda: 1000)
     with pytest.raises(InputError, match=r"needs about \d+ KiB of the GPU's memory, which has 1000 B; use a smaller"):
         streets(raster, out=tmp_path / "run", options=RunOptions(backend="cupy"))
     assert not (tmp_path / "run").exists()

@@ -14,7 +14,7 @@ from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
 from typing import Protocol, TypeVar
 
-from tilepipe.engine.allocator import keep_freed_memory
+from tilepipe.engine.tiles.allocator import keep_freed_memory
 from tilepipe.errors import InputError
 from tilepipe_kernels.core.cache import listen, tell_compiling
 
@@ -40,7 +40,7 @@ class SerialExecutor:
     --------
     A failure is an outcome like any other: the other items are finished.
 
-    >>> from tilepipe.engine.executors import SerialExecutor
+    >>> from tilepipe.engine.tiles.executors import SerialExecutor
     >>> for item, result, error in SerialExecutor().run(lambda tile: 12 // tile, [3, 0, 4]):
     ...     print(item, result, type(error).__name__)
     3 4 NoneType
@@ -118,7 +118,7 @@ def open_executor(kind: str, workers: int) -> Iterator[Executor]:
 
     Examples
     --------
-    >>> from tilepipe.engine.executors import open_executor
+    >>> from tilepipe.engine.tiles.executors import open_executor
     >>> with open_executor("threads", workers=2) as executor:
     ...     sorted(result for _, result, _ in executor.run(abs, [-1, -2, -3]))
     [1, 2, 3]

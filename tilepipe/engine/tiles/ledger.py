@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from tilepipe.engine.facts_file import pack, read_facts
+from tilepipe.engine.tiles.facts_file import pack, read_facts
 from tilepipe.io.atomic import atomic_write_bytes
 from tilepipe.tiling.facts import Facts
 
@@ -26,7 +26,7 @@ class Ledger:
     --------
     >>> from pathlib import Path
     >>> import numpy as np
-    >>> from tilepipe.engine.ledger import Ledger
+    >>> from tilepipe.engine.tiles.ledger import Ledger
     >>> ledger = Ledger(Path("regions"))
     >>> ledger.record("r0c0", {"count": np.array([7])})
     >>> ledger.done(), ledger.facts("r0c0")["count"].item()

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe.engine.state import StateArray
+from tilepipe.engine.tiles.state import StateArray
 from tilepipe.tiling.grid import Window
 from tilepipe_kernels.regions.region_table import select_labels
 

@@ -22,7 +22,7 @@ def checksum(array: NDArray[Any]) -> int:
     Examples
     --------
     >>> import numpy as np
-    >>> from tilepipe.engine.facts_file import checksum
+    >>> from tilepipe.engine.tiles.facts_file import checksum
     >>> zeros = np.zeros((2, 3), np.uint8)
     >>> checksum(zeros) == checksum(zeros.copy()), checksum(zeros) == checksum(zeros.T)  # the shape counts
     (True, False)
@@ -38,7 +38,7 @@ def pack(arrays: Mapping[str, NDArray[Any]]) -> bytes:
     --------
     >>> from pathlib import Path
     >>> import numpy as np
-    >>> from tilepipe.engine.facts_file import pack, read_facts
+    >>> from tilepipe.engine.tiles.facts_file import pack, read_facts
     >>> data = pack({"top": np.array([1, 2]), "count": np.array([3])})
     >>> _ = Path("whole.facts").write_bytes(data), Path("cut.facts").write_bytes(data[:-1])
     >>> {name: values.tolist() for name, values in read_facts(Path("whole.facts")).items()}
