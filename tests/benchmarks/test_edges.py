@@ -20,6 +20,7 @@ from benchmarks.measure.contest import Unsuitable
 from benchmarks.measure.machine import Machine
 from benchmarks.measure.watch import Watched
 from tests.commands_here import run_commands_here
+from tilepipe_kernels.core.polylines import Polylines
 from tilepipe_kernels.mrf.edge_energy import energy
 from tilepipe_kernels.mrf.edge_model import EdgeModel
 from tilepipe_kernels.mrf.search import Method, Search
@@ -158,7 +159,7 @@ def test_points_of_edges() -> None:
     np.testing.assert_array_equal(accuracy.of_cracks(h, v), [[1, 1.5], [2.5, 1]])
     segment = accuracy.of_detected(np.array([[1, 0, 1, 2]], np.float32))
     np.testing.assert_allclose(segment, [[0.75, 1.5], [1.25, 1.5], [1.75, 1.5], [2.25, 1.5]])
-    lines = accuracy.of_polylines(np.array([0, 2, 4]), np.array([[0, 0], [0, 1], [5, 5], [6, 5]]))
+    lines = accuracy.of_polylines(Polylines(np.array([0, 2, 4]), np.array([[0, 0], [0, 1], [5, 5], [6, 5]])))
     np.testing.assert_allclose(lines, [[0.5, 0.75], [0.5, 1.25], [5.75, 5.5], [6.25, 5.5]])
     assert accuracy.of_polylines(np.array([0]), np.empty((0, 2))).shape == (0, 2)
 

@@ -157,7 +157,7 @@ class Edges:
 def gibbs_chain(model: CarModel, sites: Int64, seed: np.uint64, workers: int, pool: ThreadPoolExecutor | None) -> Chain:
     """A chain of single-site updates where the model lies."""
     if on_device(model.mean):
-        device = device_form(f"{__package__}.car")
+        device = device_form(f"{__package__}.sampler")
         return device.Gibbs(model, start_of(model), sites, seed)
     return Gibbs(model, sites, seed, workers, pool)
 
@@ -167,6 +167,6 @@ def edge_probabilities(
 ) -> Probabilities:  # fmt: skip
     """Probabilities of the edges where the model lies."""
     if on_device(model.mean):
-        device = device_form(f"{__package__}.car")
+        device = device_form(f"{__package__}.sampler")
         return device.Edges(model, tolerance)
     return Edges(model, tolerance, workers, pool)
