@@ -161,7 +161,7 @@ def test_points_of_edges() -> None:
     np.testing.assert_allclose(segment, [[0.75, 1.5], [1.25, 1.5], [1.75, 1.5], [2.25, 1.5]])
     lines = accuracy.of_polylines(Polylines(np.array([0, 2, 4]), np.array([[0, 0], [0, 1], [5, 5], [6, 5]])))
     np.testing.assert_allclose(lines, [[0.5, 0.75], [0.5, 1.25], [5.75, 5.5], [6.25, 5.5]])
-    assert accuracy.of_polylines(np.array([0]), np.empty((0, 2))).shape == (0, 2)
+    assert accuracy.of_polylines(Polylines(np.array([0]), np.empty((0, 2)))).shape == (0, 2)
 
 
 def test_scores_of_edges() -> None:
