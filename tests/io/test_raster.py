@@ -319,11 +319,10 @@ def test_the_unit_of_heights(tmp_path, crs, unit, metres):
 
 
 def test_pipelines_take_heights_in_metres(tmp_path):
+    from tests.parameters import object_parameters, street_parameters
     from tilepipe.engine.request import AlignedRaster
     from tilepipe.engine.tiles.state import StateArray
-    from tilepipe.pipelines.objects.parameters import object_parameters
     from tilepipe.pipelines.objects.pass_leaves import LeafContext, find_leaves
-    from tilepipe.pipelines.streets.parameters import street_parameters
     from tilepipe.pipelines.streets.pass_segment import SegmentContext, _is_raised
     from tilepipe.tiling.grid import TileGrid
 

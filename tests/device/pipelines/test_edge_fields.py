@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from tests.parameters import edge_parameters
 from tests.scenes import write_raster
 from tilepipe.engine.pipeline import Setting
 from tilepipe.engine.tiles.state import StateArray
-from tilepipe.pipelines.edges.parameters import edge_parameters
 from tilepipe.pipelines.edges.pass_bands import Photograph, open_photograph
 from tilepipe.pipelines.edges.pass_fields import NODATA, FieldContext, find_fields, halo
 from tilepipe.pipelines.edges.pass_levels import CountContext, LevelScale, count_greys

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from rasterio.transform import from_origin
 
 from tests.laws import assert_invisible, assert_resumes, layer_bytes
+from tests.parameters import edge_parameters
 from tilepipe import InputError, RunOptions, edges, plan_edges
-from tilepipe.pipelines.edges.parameters import edge_parameters
 from tilepipe_kernels.mrf.edge_energy import energy
 
 LAYERS = ("segments.tif", "lines.tif", "edges.parquet", "nevatia_babu.parquet", "edges.json")

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from rasterio.enums import ColorInterp
 from rasterio.transform import from_origin
 
+from tests.parameters import edge_parameters
 from tilepipe.errors import InputError
-from tilepipe.pipelines.edges.parameters import edge_parameters
 from tilepipe.pipelines.edges.pass_bands import LUMINANCE, open_photograph, principal_weights, sample_bands
 from tilepipe.pipelines.edges.pass_levels import CountContext, count_greys, edge_threshold, level_scale
 from tilepipe.tiling.grid import TileGrid, Window

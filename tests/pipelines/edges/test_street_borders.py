@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.crack_lines import crack_lines_of
-from tilepipe.pipelines.edges.parameters import edge_parameters
+from tests.parameters import edge_parameters
 from tilepipe.pipelines.edges.street_borders import find_streets
 from tilepipe_kernels.polylines.smooth import smoothed
 

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, Literal, Self
+from typing import Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from tilepipe.engine.parameters import checked_parameters
 from tilepipe.pipelines.edges.pass_bands import Grey
 from tilepipe_kernels.mrf.annealing import Annealing
 from tilepipe_kernels.mrf.edge_model import EdgeModel
@@ -103,8 +101,3 @@ class EdgeParameters(BaseModel):
         """How the lines are searched for; messages are between levels."""
         search = self.search(seed)
         return replace(search, method="parallel") if search.method == "messages" else search
-
-
-def edge_parameters(values: Mapping[str, Any]) -> EdgeParameters:
-    """Parameters from named values; errors as for `checked_parameters`."""
-    return checked_parameters(EdgeParameters, values)

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Any, Literal, Self
+from typing import Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
-
-from tilepipe.engine.parameters import checked_parameters
 
 BorderWeights = Literal["adjacency", "border", "contrast"]
 
@@ -82,8 +79,3 @@ class ObjectParameters(BaseModel):
             for side in (self.smallest_leaf, self.largest_leaf)
         )
         return smallest, largest
-
-
-def object_parameters(values: Mapping[str, Any]) -> ObjectParameters:
-    """Parameters from named values; errors as for `checked_parameters`."""
-    return checked_parameters(ObjectParameters, values)

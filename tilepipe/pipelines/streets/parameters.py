@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Any, Literal
+from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
-
-from tilepipe.engine.parameters import checked_parameters
 
 Model = Literal["curvature", "perona-malik-exponential", "perona-malik-rational"]
 
@@ -140,8 +137,3 @@ class StreetParameters(BaseModel):
     def half_width_in_pixels(self, resolution: float) -> int:
         """Half the width of the widest place with an axis in whole pixels of ``resolution`` metres."""
         return max(2, math.ceil(self.maximum_width / resolution / 2))
-
-
-def street_parameters(values: Mapping[str, Any]) -> StreetParameters:
-    """Parameters from named values; errors as for `checked_parameters`."""
-    return checked_parameters(StreetParameters, values)
