@@ -151,6 +151,9 @@ class Pipeline:
     pictures
         ``module:function`` that draws a finished run, ``function(folder) -> list of paths``; by default its layers over
         its input.
+    warm_up
+        ``module:function`` that calls the kernels which a run calls last, on data of its own; where kernels have to be
+        compiled, a second process does so with these.  None by default.
     operators
         ``module:class`` of lazy operators on arrays, a `tilepipe.accessor.blocks.BlockOperators`; none by default.
 
@@ -173,6 +176,7 @@ class Pipeline:
     seeded: bool = False
     bytes_per_megapixel: int = 800_000
     pictures: str = DEFAULT_PICTURES
+    warm_up: str = ""
     operators: str = ""
 
     def __post_init__(self) -> None:

@@ -66,6 +66,11 @@ class Plan:
         """What is needed besides the tiles, in bytes."""
         return self.memory - max(p.memory for p in self.passes)
 
+    @property
+    def has_room(self) -> bool:
+        """Whether the limit leaves room for one more process that holds no tile."""
+        return self.memory + _BASE <= self.limit
+
     def check(self, options: RunOptions) -> None:
         """Refuse a run that needs more memory than allowed.
 

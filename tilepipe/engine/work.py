@@ -19,6 +19,7 @@ from tilepipe.engine.run import Run, open_run
 from tilepipe.engine.tiles.ledger import Ledger
 from tilepipe.engine.tiles.passes import BoundPass
 from tilepipe.engine.tiles.state import StateArray
+from tilepipe.engine.warm_up import compiled_beside
 from tilepipe.io.cog import write_cog
 from tilepipe.io.formats import convert
 from tilepipe.io.georeference import Geometry
@@ -212,7 +213,13 @@ def run_pipeline(
     if request.backend == "cupy" and not options.uses_cluster:
         plan.check_device(device_memory(), options)
     record = request.record(out)
-    with open_run(Path(out).absolute(), record, request.identity(), options, progress or Silent()) as run:
+    # a second process that compiles is in no plan
+    here = request.backend == "numpy" and not options.uses_cluster
+    warm_up = pipeline.warm_up if here and plan.has_room else ""
+    with (
+        compiled_beside(warm_up),
+        open_run(Path(out).absolute(), record, request.identity(), options, progress or Silent()) as run,
+    ):
         layers = list(pipeline.recipe(Work(request, run)))
         run.publish(layers, record, keep=request.all_files)
         return [run.folder / layer.name for layer in layers]

@@ -44,6 +44,7 @@ PIPELINE = Pipeline(
     seeded=True,
     bytes_per_megapixel=_PER_MEGAPIXEL,
     pictures="tilepipe.pipelines.edges.pictures:pictures",
+    warm_up="tilepipe.pipelines.edges.warm_up:warm_up",
 )
 
 

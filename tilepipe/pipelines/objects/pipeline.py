@@ -57,6 +57,7 @@ PIPELINE = Pipeline(
     seeded=True,
     bytes_per_megapixel=_PER_MEGAPIXEL,
     pictures="tilepipe.pipelines.objects.pictures:pictures",
+    warm_up="tilepipe.pipelines.objects.warm_up:warm_up",
 )
 
 

@@ -37,6 +37,7 @@ PIPELINE = Pipeline(
     recipe=recipe,
     layers=(REGIONS, CENTERLINES, SKELETON),
     pictures="tilepipe.pipelines.streets.pictures:pictures",
+    warm_up="tilepipe.pipelines.streets.warm_up:warm_up",
 )
 
 
