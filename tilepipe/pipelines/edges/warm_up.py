@@ -30,10 +30,8 @@ def warm_up() -> None:
     elements = find_elements(grey, 20.0, core, (0, 0), _SIDE)
     facts = {name: getattr(lines, name) for name in FRAGMENT_COLUMNS}
     facts |= {f"element:{name}": getattr(elements, name) for name in ELEMENT_COLUMNS}
-    geometry, parameters = (
-        Geometry("EPSG:32633", 5e5, 5e6, 0.5, (_SIDE, _SIDE), 1.0, 1.0),
-        checked_parameters(EdgeParameters, {}),
-    )
+    geometry = Geometry("EPSG:32633", 5e5, 5e6, 0.5, (_SIDE, _SIDE), 1.0, 1.0)
+    parameters = checked_parameters(EdgeParameters, {})
     with tempfile.TemporaryDirectory() as folder:
         ledger = Ledger(Path(folder) / "fields")
         ledger.record("r0000c0000", facts)
