@@ -64,10 +64,9 @@ def test_every_import_is_declared() -> None:
 
 
 def test_every_dependency_is_used() -> None:
-    to_come = {"scikit-image"}
     used = {name for folder in PACKAGES.values() for name, _ in imported_names(folder)}
     declared = {distribution_name(requirement) for requirement in PROJECT["project"]["dependencies"]}
-    unused = {name for name in declared - to_come if import_name(name) not in used}
+    unused = {name for name in declared if import_name(name) not in used}
     assert not unused, f"remove from the dependencies in pyproject.toml: {sorted(unused)}"
 
 
