@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -76,7 +77,9 @@ def _run_options(options: dict[str, Any], overwrite: bool) -> RunOptions:
     try:
         return RunOptions(**options, overwrite=overwrite)
     except TypeError as error:
-        raise InputError(f"[options] of the record: {str(error).partition(') ')[2]}; remove it") from None
+        known = [item.name for item in fields(RunOptions) if item.name != "overwrite"]
+        unknown = next((name for name in options if name not in known), str(error))
+        raise InputError(f"[options] of the record: '{unknown}' is unknown; known are {', '.join(known)}") from None
 
 
 def load_record(path: Path, out: Path | None) -> dict[str, Any]:
