@@ -112,18 +112,20 @@ def test_an_interrupted_run_resumes(installed: Path, scene: Path, tmp_path: Path
     whole, broken = tmp_path / "whole", tmp_path / "broken"
     options = ("--tile", 31, "--workers", 1, "--quiet")
     assert tell("spots", scene, "--out", whole, *options, packages=(installed,)).returncode == 0
-    damaged = install(tmp_path / "damaged", SOURCE)
-    module = damaged / "bright_spots.py"
-    module.write_text(
-        module.read_text().replace(
-            "    values = context.raster", "    assert tile.number < 5, 'no more'\n    values = context.raster"
-        )
-    )
-    failed = tell("spots", scene, "--out", broken, *options, packages=(damaged,))
-    assert failed.returncode == 1 and "pass mark: tile" in failed.stderr and not (broken / "spots.tif").exists()
-    told = tell("status", broken, packages=(installed,)).stdout
+    fragile = install(tmp_path / "fragile", SOURCE)
+    module, stop = fragile / "bright_spots.py", tmp_path / "stop"
+    guard = f"    assert tile.number < 5 or not Path({str(stop)!r}).exists(), 'no more'\n"
+    module.write_text(module.read_text().replace("    values = context.raster", f"{guard}    values = context.raster"))
+    stop.touch()
+    failed = tell("spots", scene, "--out", broken, *options, packages=(fragile,))
+    assert failed.returncode == 1 and "failed: AssertionError: no more" in failed.stderr
+    assert "pass mark: tile" in failed.stderr and not (broken / "spots.tif").exists()
+    told = tell("status", broken, packages=(fragile,)).stdout
     assert "unfinished" in told and "mark: 5 of 12 tiles done" in told
-    assert tell("spots", scene, "--out", broken, *options, packages=(installed,)).returncode == 0
+    other = tell("spots", scene, "--out", broken, *options, packages=(installed,))
+    assert other.returncode == 2 and "differs in code" in other.stderr
+    stop.unlink()
+    assert tell("spots", scene, "--out", broken, *options, packages=(fragile,)).returncode == 0
     for name in ("spots.tif", "spots.parquet"):
         assert (broken / name).read_bytes() == (whole / name).read_bytes()
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 from tilepipe.io.formats import SUFFIX
 
@@ -29,13 +29,18 @@ class TableLayer:
     name
         Name of the file without its suffix.
     geometry
-        Type of its geometries.
+        Type of its geometries: ``Point``, ``LineString``, ``Polygon``, or ``Multi`` before one of them.
     columns
         Its columns by name, in order.
     meaning
         What a row is.
     scored
         Whether ``tilepipe evaluate RUN`` may take it; of several the first that is there.
+
+    Raises
+    ------
+    ValueError
+        When the type of geometry is unknown.
     """
 
     name: str
@@ -43,6 +48,11 @@ class TableLayer:
     columns: Mapping[str, Column]
     meaning: str
     scored: bool = False
+
+    def __post_init__(self) -> None:
+        if self.geometry not in get_args(GeometryType):
+            known = ", ".join(get_args(GeometryType))
+            raise ValueError(f"table '{self.name}' has the geometry '{self.geometry}'; use one of {known}")
 
     @property
     def dtypes(self) -> dict[str, str]:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import hashlib
+import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import BaseModel
 
 from tilepipe import __version__
@@ -31,6 +35,15 @@ class AlignedRaster:
 
     raster: Raster
     window: Window
+
+    def read(self, window: Window) -> NDArray[np.float32]:
+        """Values of a window in pixels of the main raster, float32; NaN where this one has none or does not reach."""
+        wanted = window.relative_to(self.window)
+        part = wanted.intersection(Window(0, 0, *self.raster.shape))
+        values = np.full(window.shape, np.nan, np.float32)
+        if not part.is_empty:
+            values[part.relative_to(wanted).slices] = self.raster.read(part)
+        return values
 
 
 @dataclass(frozen=True)
@@ -189,6 +202,7 @@ class Request:
         rasters = [self.opened.raster, *(item.raster for item in self.opened.inputs.values())]
         sources = [member.source for raster in rasters for member in raster.members]
         of_device = {"backend": self.backend} if self.backend == "cupy" else {}
+        own_code = {} if _is_own(self.pipeline) else {"code": _fingerprint(self.pipeline)}
         return (
             {
                 "command": self.pipeline.name,
@@ -199,6 +213,7 @@ class Request:
             }
             | ({"seed": self.options.seed} if self.pipeline.seeded else {})
             | of_device
+            | own_code
         )
 
     def record(self, out: str | Path) -> Record:
@@ -218,6 +233,18 @@ class Request:
             "options": options,
             "parameters": self.parameters.model_dump(),
         }
+
+
+def _is_own(pipeline: Pipeline) -> bool:
+    """Whether the version of tilepipe says what the pipeline's code is."""
+    return pipeline.recipe.__module__.partition(".")[0] == __package__.partition(".")[0]
+
+
+def _fingerprint(pipeline: Pipeline) -> str:
+    """Hash of the files in which the recipe and the tile functions stand: no run is resumed by other code."""
+    functions: list[Callable[..., Any]] = [pipeline.recipe, *(item.function for item in pipeline.passes)]
+    files = sorted({file for function in functions if (file := inspect.getsourcefile(function))})
+    return hashlib.sha256(b"".join(Path(file).read_bytes() for file in files)).hexdigest()[:16]
 
 
 def plan_pipeline(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from concurrent.futures import Future
 from contextlib import AbstractContextManager
 from functools import cached_property
@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel
 
+from tilepipe.engine.layers import RasterLayer
 from tilepipe.engine.options import RunOptions
 from tilepipe.engine.pipeline import Pass, Pipeline, Setting, amount
 from tilepipe.engine.progress import Progress, Silent
@@ -20,6 +21,7 @@ from tilepipe.engine.tiles.ledger import Ledger
 from tilepipe.engine.tiles.passes import BoundPass
 from tilepipe.engine.tiles.state import StateArray
 from tilepipe.engine.warm_up import compiled_beside
+from tilepipe.errors import InputError
 from tilepipe.io.cog import write_cog
 from tilepipe.io.formats import convert
 from tilepipe.io.georeference import Geometry
@@ -49,7 +51,8 @@ class Work:
         return self.request.opened.source
 
     def input(self, name: str) -> AlignedRaster | None:
-        """A further input, if it was given."""
+        """A further input, if it was given; only of those that the pipeline declares."""
+        _declared(name, [item.name for item in self.request.pipeline.inputs], "input")
         return self.request.opened.inputs.get(name)
 
     @property
@@ -106,7 +109,8 @@ class Work:
 
     def state(self, name: str) -> StateArray:
         """A state raster that one of the passes declares."""
-        declared = next(item.writes[name] for item in self.request.pipeline.passes if name in item.writes)
+        states = {key: state for item in self.request.pipeline.passes for key, state in item.writes.items()}
+        declared = states[_declared(name, states, "state")]
         grid = self.grid.coarsened(self.request.pipeline.cell(self.setting)) if declared.per_cell else self.grid
         return StateArray(self.folder / f"{name}.zarr", grid, declared.dtype, declared.fill)
 
@@ -125,6 +129,8 @@ class Work:
         Ledger
             Facts of all tiles.
         """
+        if declared not in self.request.pipeline.needed_passes(self.setting):
+            raise ValueError(f"pass '{declared.name}' is none of those that the pipeline needs in this setting")
         bound = BoundPass(
             declared.name,
             declared.function,
@@ -155,9 +161,10 @@ class Work:
         read
             Gives the values of any window.
         """
-        layer = next(layer for layer in self.request.pipeline.layers if layer.name == name)
+        layers = {layer.name: layer for layer in self.request.pipeline.layers if isinstance(layer, RasterLayer)}
+        layer = layers[_declared(name, layers, "raster layer")]
         path = self.folder / name
-        write_cog(path, read, layer.dtype, self.geometry, nodata=layer.nodata, threads=1)  # type: ignore[union-attr]
+        write_cog(path, read, layer.dtype, self.geometry, nodata=layer.nodata, threads=1)
         return path
 
     def in_format(self, tables: Sequence[Path]) -> list[Path]:
@@ -167,6 +174,30 @@ class Work:
             return list(tables)
         with self.timed("convert"):
             return [convert(path, form) for path in tables]
+
+
+def _declared(name: str, declared: Collection[str], kind: str) -> str:
+    """The name of something that the pipeline declares."""
+    if name not in declared:
+        raise ValueError(f"the pipeline declares no {kind} '{name}'; it declares {', '.join(declared) or 'none'}")
+    return name
+
+
+def _whole_layers(pipeline: Pipeline, paths: Iterable[Path]) -> list[Path]:
+    """What a recipe has returned, once it is certain that all of it can be published.
+
+    Raises
+    ------
+    InputError
+        When a file is no layer of the pipeline, or was never written.
+    """
+    layers, names = list(paths), {name for layer in pipeline.layers for name in layer.files}
+    for path in layers:
+        if path.name not in names:
+            raise InputError(f"the recipe of {pipeline.name} returns {path.name}, which is none of its layers")
+        if not path.is_file():
+            raise InputError(f"the recipe of {pipeline.name} returns {path.name}, but has not written it")
+    return layers
 
 
 def run_pipeline(
@@ -220,6 +251,6 @@ def run_pipeline(
         compiled_beside(warm_up),
         open_run(Path(out).absolute(), record, request.identity(), options, progress or Silent()) as run,
     ):
-        layers = list(pipeline.recipe(Work(request, run)))
+        layers = _whole_layers(pipeline, pipeline.recipe(Work(request, run)))
         run.publish(layers, record, keep=request.all_files)
         return [run.folder / layer.name for layer in layers]

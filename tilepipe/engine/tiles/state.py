@@ -73,7 +73,10 @@ class StateArray:
 
     def write(self, tile: Tile, values: NDArray[Any]) -> int:
         """Write the core of a tile of this array's grid; returns the checksum of what was written."""
-        values = np.ascontiguousarray(to_host(values), dtype=self.dtype)
+        values = np.asarray(to_host(values))
+        if values.dtype.kind == "f" and np.dtype(self.dtype).kind != "f":
+            raise ValueError(f"tile {tile.name} writes {values.dtype} into {self.path.stem}, which holds {self.dtype}")
+        values = np.ascontiguousarray(values, dtype=self.dtype)
         if values.shape != tile.core.shape:
             raise ValueError(f"tile {tile.name} writes {values.shape} into a core of {tile.core.shape}")
         _open_array(self.path)[tile.core.slices] = values

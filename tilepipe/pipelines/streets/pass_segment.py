@@ -17,7 +17,7 @@ from tilepipe.pipelines.streets.parameters import StreetParameters
 from tilepipe.pipelines.streets.pass_levels import GreyScale
 from tilepipe.pipelines.streets.reconcile_regions import SUMMED
 from tilepipe.tiling.facts import Facts
-from tilepipe.tiling.grid import Tile, TileGrid, Window
+from tilepipe.tiling.grid import Tile, TileGrid
 from tilepipe.tiling.seams import border_facts, raster_borders, touches_seam
 from tilepipe_kernels.core.arrays import Backend, namespace, to_backend
 from tilepipe_kernels.image import diffusion, grey_levels, morphology
@@ -141,13 +141,7 @@ def _is_raised(context: SegmentContext, tile: Tile) -> NDArray[np.bool_]:
     p = context.parameters
     resolution = context.raster.geometry.resolution
     around = tile.core.padded(ground_reach(p, resolution), context.grid.shape)
-    shift = context.heights.window
-    whole = Window(0, 0, *context.heights.raster.shape)
-    wanted = around.relative_to(shift)
-    part = wanted.intersection(whole)
-    heights = np.full(around.shape, np.nan, np.float32)
-    if not part.is_empty:
-        heights[part.relative_to(wanted).slices] = context.heights.raster.read(part)
+    heights = context.heights.read(around)
     heights *= np.float32(context.heights.raster.geometry.height_metres)
     heights = to_backend(heights, context.backend)
     ground = morphology.open_grey(heights, math.ceil(p.ground_window / resolution / 2))
