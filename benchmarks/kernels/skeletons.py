@@ -103,7 +103,7 @@ def _network(scene: Scene) -> Call:
             return fragments[tile], {}
 
         network = build_network(tables, scene.size, load, rules)
-        return network, line_batch(network, load, 0, len(network), None)
+        return network, line_batch(network, load, 0, len(network))
 
     return run
 

@@ -35,7 +35,7 @@ def is_out_of_memory(error: BaseException) -> bool:
 
     Examples
     --------
-    >>> from tilepipe_kernels.core.arrays import DeviceMemoryError, is_out_of_memory
+    >>> from tilepipe_kernels.core.device_memory import DeviceMemoryError, is_out_of_memory
     >>> is_out_of_memory(DeviceMemoryError()), is_out_of_memory(MemoryError("of the host"))
     (True, False)
     """
