@@ -54,7 +54,8 @@ nb_merge_streams = True
 # lie in the network, which a build does not need.
 default_role = "py:obj"
 nitpicky = True
-nitpick_ignore_regex = [("py:obj", ".*"), ("py:(class|data|exc)", r"(?!tilepipe).*|.*\.(Result|Some)")]  # type variables
+# type variables have no page
+nitpick_ignore_regex = [("py:obj", ".*"), ("py:(class|data|exc)", r"(?!tilepipe).*|.*\.(Result|Some)")]
 autodoc_typehints = "signature"
 autodoc_typehints_format = "short"
 autodoc_member_order = "bysource"
