@@ -81,7 +81,7 @@ def assert_resumes(
     worked: Worked = []
     if failing is not None:
         error = RuntimeError("the lights went out")
-        named = rf"pass {failing}: tile \w+ .* of \d+ failed: the lights went out"
+        named = rf"pass {failing}: tile \w+ .* of \d+ failed: RuntimeError: the lights went out"
         fails = tiles(lambda name, tile, _: error if (name, tile.number) == (failing, 1) else None)
         with fails as done, pytest.raises(TileError, match=named):
             run(folder, options)

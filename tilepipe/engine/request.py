@@ -237,7 +237,8 @@ class Request:
 
 def _is_own(pipeline: Pipeline) -> bool:
     """Whether the version of tilepipe says what the pipeline's code is."""
-    return pipeline.recipe.__module__.partition(".")[0] == __package__.partition(".")[0]
+    # code typed in has no module
+    return (pipeline.recipe.__module__ or "").partition(".")[0] == __name__.partition(".")[0]
 
 
 def _fingerprint(pipeline: Pipeline) -> str:
