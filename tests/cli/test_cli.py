@@ -206,7 +206,7 @@ def test_a_record_of_ones_own_needs_the_inputs_only(tell, tmp_path, scene):
         ("command = ", "is no valid TOML"),
         ('command = "cats"', "command 'cats' is unknown"),
         ('command = "streets"', "no input raster"),
-        ('command = "streets"\n[options]\ntiles = 3', "unexpected keyword argument 'tiles'; remove it"),
+        ('command = "streets"\n[options]\ntiles = 3', "'tiles' is unknown; known are tile, workers"),
         ('command = "streets"\n[options]\ntile = "big"', "tile 'big' is no whole number"),
         ('command = "streets"\nparameters = 3', "'parameters' is no table"),
         ('command = "objects"\n[inputs]\nheights = ["a.tif"]', "objects takes no 'heights'; it takes rasters, crs"),
