@@ -79,7 +79,7 @@ def test_resume_runs_only_what_is_missing_or_damaged(context, tmp_path):
         ledger.forget(GRID.tile(2).name)
         damaged = ledger.path(GRID.tile(4).name)
         damaged.write_bytes(damaged.read_bytes()[:-3])
-        context.result.write(GRID.tile(7), np.zeros(GRID.tile(7).core.shape))
+        context.result.write(GRID.tile(7), np.zeros(GRID.tile(7).core.shape, np.int32))
         run_pass(doubling(context), tmp_path, executor, Silent())
     assert worked(context) == [2, 4, 7]
     whole = context.result.read(GRID.tile(0).core.padded(100, GRID.shape))
@@ -89,7 +89,7 @@ def test_resume_runs_only_what_is_missing_or_damaged(context, tmp_path):
 def test_failed_tiles_are_named_and_the_others_kept(context, tmp_path):
     failing = Context(context.source, context.result, failing=(3, 5))
     with open_executor("threads", 2) as executor:
-        with pytest.raises(TileError, match=r"tile r0000c0003 .*and 1 more tiles of 12 failed: no luck here"):
+        with pytest.raises(TileError, match=r"tile r0000c0003 .*and 1 more tiles of 12 failed: RuntimeError: no luck here"):
             run_pass(doubling(failing), tmp_path, executor, Silent())
         (tmp_path / "worked").unlink()
         run_pass(doubling(context), tmp_path, executor, Silent())
@@ -144,10 +144,12 @@ def test_unknown_executors_are_refused(kind):
         pass
 
 
-def test_a_core_of_the_wrong_shape_is_refused(context):
+def test_a_core_of_the_wrong_shape_or_kind_is_refused(context):
     context.result.create()
     with pytest.raises(ValueError, match="core"):
-        context.result.write(GRID.tile(0), np.zeros((3, 3)))
+        context.result.write(GRID.tile(0), np.zeros((3, 3), np.int32))
+    with pytest.raises(ValueError, match="writes float64 into result, which holds int32"):
+        context.result.write(GRID.tile(0), np.zeros(GRID.tile(0).core.shape))
 
 
 def test_an_array_made_anew_under_the_same_name_is_opened_anew(tmp_path):
