@@ -89,7 +89,7 @@ def test_resume_runs_only_what_is_missing_or_damaged(context, tmp_path):
 def test_failed_tiles_are_named_and_the_others_kept(context, tmp_path):
     failing = Context(context.source, context.result, failing=(3, 5))
     with open_executor("threads", 2) as executor:
-        with pytest.raises(TileError, match=r"tile r0000c0003 .*and 1 more tiles of 12 failed: RuntimeError: no luck here"):
+        with pytest.raises(TileError, match=r"tile r0000c0003 .*and 1 more tiles of 12 failed: RuntimeError: no luck"):
             run_pass(doubling(failing), tmp_path, executor, Silent())
         (tmp_path / "worked").unlink()
         run_pass(doubling(context), tmp_path, executor, Silent())
