@@ -44,14 +44,14 @@ class PipelineCommands(TyperGroup):
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """A command by its name, None for an unknown one."""
         command = super().get_command(ctx, cmd_name)
-        if command is not None or not (cmd_name in registry.OWN or cmd_name in registry.names()):
+        if command is not None or not registry.is_known(cmd_name):
             return command
         try:
             return _pipeline_command(cmd_name)
         except InputError as error:
             # a package that cannot be used does not spoil the help of all others
             if ctx.meta.get(_LISTING):
-                return _command(_nothing, cmd_name, f"Cannot be used: {error}.")
+                return _command(lambda: None, cmd_name, f"Cannot be used: {error}.")
             raise
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
@@ -93,19 +93,11 @@ def _command(
     function: Callable[..., None], name: str, summary: str, parameters: Sequence[inspect.Parameter] = ()
 ) -> Any:
     """A function as a command that takes the parameters."""
-
-    def command(**values: Any) -> None:
-        function(**values)
-
-    command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
-    command.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
+    function.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    function.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
     app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
-    app.command(name, help=summary)(command)
+    app.command(name, help=summary)(function)
     return typer.main.get_command(app)
-
-
-def _nothing() -> None:
-    """Stand for a command that is only listed."""
 
 
 def _carry_out(

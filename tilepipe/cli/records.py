@@ -96,7 +96,7 @@ def load_record(path: Path, out: Path | None) -> dict[str, Any]:
     if unknown := sorted(set(record) - _KNOWN):
         raise InputError(f"{path}: '{unknown[0]}' is unknown; known are {', '.join(sorted(_KNOWN))}")
     command = record.get("command")
-    if command not in registry.OWN and command not in registry.names():
+    if not registry.is_known(str(command)):
         raise InputError(f"{path}: command '{command}' is unknown; use {' or '.join(registry.names())}")
     return record | ({"out": str(out)} if out is not None else {})
 

@@ -216,10 +216,6 @@ class Pipeline:
         """Raster whose nodata is that of the input."""
         return next((layer for layer in self.layers if isinstance(layer, RasterLayer)), None)
 
-    def table(self, name: str) -> TableLayer:
-        """One of its tables."""
-        return next(layer for layer in self.layers if isinstance(layer, TableLayer) and layer.name == name)
-
 
 def _is_amount(value: object) -> bool:
     return callable(value) or (isinstance(value, int) and value >= 0)

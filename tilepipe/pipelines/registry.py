@@ -73,6 +73,11 @@ def face(name: str) -> tuple[str, tuple[Input, ...]]:
     return declared.summary, declared.inputs
 
 
+def is_known(name: str) -> bool:
+    """Whether some package declares a pipeline of this name; for tilepipe's own no other package is asked."""
+    return name in OWN or name in _foreign()
+
+
 def names() -> list[str]:
     """Names of all pipelines: tilepipe's own, then those of other packages in alphabetical order.
 
@@ -148,8 +153,6 @@ def _load(point: EntryPoint) -> Pipeline:
     where = f"pipeline '{point.name}' of the package {_package(point)}"
     try:
         found = point.load()
-    except InputError:
-        raise
     except Exception as error:
         reason = (str(error).splitlines() or [""])[0] or type(error).__name__
         raise InputError(
