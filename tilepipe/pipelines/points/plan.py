@@ -13,7 +13,8 @@ from pyproj import CRS
 from rasterio.windows import Window
 
 from tilepipe.errors import InputError
-from tilepipe.io.clouds import Cloud, Value, common_crs, metres_per_unit, read_cloud, value_quantum
+from tilepipe.io.cloud_points import Value, value_quantum
+from tilepipe.io.clouds import Cloud, common_crs, metres_per_unit, read_cloud
 from tilepipe_kernels.points.gridding import BYTES_PER_CELL, BYTES_PER_POINT, METHODS, Method
 from tilepipe_kernels.points.gridding import halo as gridding_halo
 from tilepipe_kernels.points.point_tiles import MAXIMUM_SIDE, subcells

@@ -21,7 +21,8 @@ from pyproj import CRS
 from rasterio.errors import RasterioError
 
 from tilepipe.errors import InputError
-from tilepipe.io.clouds import Chunk, Cloud, PointFilter, Returns, Value, find_clouds, read_points
+from tilepipe.io.cloud_points import Chunk, PointFilter, Returns, Value, read_points
+from tilepipe.io.clouds import Cloud, find_clouds
 from tilepipe.pipelines.points.plan import GridPlan, plan_grid
 from tilepipe_kernels.points.gridding import Method, grid_points
 from tilepipe_kernels.points.point_tiles import POINT, sort_by_tile, subcells
