@@ -11,7 +11,8 @@ import xarray as xr
 from numpy.typing import DTypeLike, NDArray
 
 from tilepipe.errors import InputError
-from tilepipe.io.sources import as_block, nodata_of
+from tilepipe.io.arrays import nodata_of
+from tilepipe.io.validity import as_block
 from tilepipe.tiling.grid import Tile, TileGrid, Window
 
 BlockFunction = Callable[[NDArray[Any], Tile], NDArray[Any]]

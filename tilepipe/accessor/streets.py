@@ -10,7 +10,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from tilepipe.accessor.blocks import BlockOperators, blanked, even_grid
-from tilepipe.io.sources import nodata_of
+from tilepipe.io.arrays import nodata_of
 from tilepipe.pipelines.streets.reconcile_regions import SUMMED, Regions, reconcile_regions
 from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import Tile, TileGrid

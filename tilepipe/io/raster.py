@@ -1,8 +1,8 @@
 """Open rasters: one file or many tiles as one mosaic on one pixel grid, read window by window.
 
 A `Raster` knows its grid (CRS, pixel size, origin, shape) and reads any window as float32 with NaN for nodata.  The
-sources behind it are GeoTIFF, COG or VRT files (`tilepipe.io.sources.FileSource`) or arrays (`ArraySource`: Zarr stores
-and xarray objects).  Everything that could go silently wrong with georeferencing is refused here.
+sources behind it are files that GDAL reads (`tilepipe.io.sources`), Zarr stores and xarray arrays
+(`tilepipe.io.arrays`).  Everything that could go silently wrong with georeferencing is refused here.
 """
 
 from __future__ import annotations
