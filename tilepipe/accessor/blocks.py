@@ -11,15 +11,16 @@ import xarray as xr
 from numpy.typing import DTypeLike, NDArray
 
 from tilepipe.errors import InputError
-from tilepipe.io.arrays import nodata_of
-from tilepipe.io.validity import as_block
+from tilepipe.io.arrays import ARRAY, check_chunks, rows_first
+from tilepipe.io.packing import Packing, packing_of
 from tilepipe.tiling.grid import Tile, TileGrid, Window
 
 BlockFunction = Callable[[NDArray[Any], Tile], NDArray[Any]]
 """From a block with its halo to the values of its core."""
 
 _NODATA = ("_FillValue", "missing_value", "fill_value", "nodata", "nodatavals")
-_PACKING = ("dtype", "rasterio_dtype", "scale_factor", "add_offset")
+_SCALES = ("scale_factor", "add_offset", "scales", "offsets")
+_STORAGE = ("dtype", "rasterio_dtype", "_Unsigned")
 
 
 class BlockOperators:
@@ -28,17 +29,26 @@ class BlockOperators:
     def __init__(self, array: xr.DataArray) -> None:
         if array.ndim != 2:
             raise InputError(f"tilepipe works on arrays of two dimensions, not {array.ndim}: select a band first")
-        self._array = array
+        check_chunks(array, ARRAY)
+        # operators count in rows and columns, so that a pixel's right is that of the map
+        self._array, self._dims = rows_first(array), array.dims
 
-    def map_blocks(self, name: str, function: BlockFunction, halo: int, dtype: DTypeLike) -> xr.DataArray:
-        """Apply a local function, the operator ``name``, to every chunk and its halo."""
-        data, nodata = self._array.data, nodata_of(self._array)
+    def map_blocks(
+        self, name: str, function: BlockFunction, halo: int, dtype: DTypeLike, nodata: float | None = None
+    ) -> xr.DataArray:
+        """Apply a local function, the operator ``name``, to every chunk and its halo.
+
+        The function gets the values that are meant, scaled if the array is packed, with NaN for nodata; ``nodata`` is
+        what it gives there itself, where this is not NaN.
+        """
+        data, packing = self._array.data, packing_of(self._array, ARRAY)
 
         def on_pieces(pieces: list[list[NDArray[Any]]], tile: Tile) -> NDArray[Any]:
-            return function(blanked(np.block(pieces), nodata), tile)
+            return function(meant(np.block(pieces), packing), tile)
 
         if not hasattr(data, "dask"):
-            return self._like(name, on_pieces([[np.asarray(data)]], TileGrid(data.shape, data.shape).tile(0)))
+            whole = TileGrid(data.shape, data.shape).tile(0)
+            return self._like(name, on_pieces([[np.asarray(data)]], whole), nodata)
         import dask
         import dask.array as da
 
@@ -52,26 +62,33 @@ class BlockOperators:
             ]
             for row in tiles
         ]
-        return self._like(name, da.block(blocks))
+        return self._like(name, da.block(blocks), nodata)
 
-    def _like(self, name: str, data: Any) -> xr.DataArray:
-        """Other values under another name: same dims, coordinates, CRS and attributes but those of the nodata value."""
+    def _like(self, name: str, data: Any, nodata: float | None = None) -> xr.DataArray:
+        """Other values under another name: same dims, coordinates, CRS and attributes but those of how it was stored.
+
+        Where the array declares nodata, the result declares its own, if it has one.
+        """
         result = self._array.copy(data=data).rename(name)
-        marked = False
-        for name in _NODATA:
-            marked |= name in result.attrs or name in result.encoding
-            result.attrs.pop(name, None)
-        # how the input was packed on disk does not suit other values
-        for name in _NODATA + _PACKING:
-            result.encoding.pop(name, None)
-        if marked and result.dtype.kind == "f":
-            result.attrs["_FillValue"] = np.nan
-        return result
+        marked = any(key in result.attrs or key in result.encoding for key in _NODATA)
+        for key in _NODATA + _SCALES:
+            result.attrs.pop(key, None)
+        for key in _NODATA + _SCALES + _STORAGE:
+            result.encoding.pop(key, None)
+        nodata = np.nan if result.dtype.kind == "f" else nodata
+        if marked and nodata is not None:
+            result.attrs["_FillValue"] = nodata
+        return result.transpose(*self._dims)
 
 
-def blanked(block: NDArray[Any], nodata: float | None) -> NDArray[Any]:
-    """A block with NaN where it holds the array's nodata value."""
-    return block if nodata is None or block.dtype.kind == "b" else as_block(block, nodata)
+def meant(block: NDArray[Any], packing: Packing) -> NDArray[Any]:
+    """What stored values mean: scaled, with NaN for nodata and infinities; as they are where that is the same."""
+    if block.dtype.kind == "b" or (packing == Packing() and block.dtype.kind != "f"):
+        return block
+    if packing != Packing():
+        return packing.unpack(block)
+    infinite = np.isinf(block)
+    return np.where(infinite, block.dtype.type(np.nan), block) if infinite.any() else block
 
 
 def _chunk_tiles(data: Any, halo: int) -> list[list[Tile]]:

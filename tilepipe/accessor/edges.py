@@ -80,7 +80,7 @@ class EdgeOperators(BlockOperators):
             found = intensity_field(observed, model, search=search, origin=tile.padded.origin)
             return found.labels[tile.core_in_padded.slices]
 
-        return self.map_blocks("segment", function, labels_halo(search), np.uint8)
+        return self.map_blocks("segment", function, labels_halo(search), np.uint8, _NO_LEVEL)
 
     def line_field(
         self, *, levels: int, method: LineMethod = "parallel", rounds: int = 24, **weights: Any
@@ -129,7 +129,7 @@ class EdgeOperators(BlockOperators):
             return lines[tile.core_in_padded.slices]
 
         # one more, for the elements to the pixels of the neighbours
-        return self.map_blocks("line_field", function, lines_halo(model, search) + 1, np.uint8)
+        return self.map_blocks("line_field", function, lines_halo(model, search) + 1, np.uint8, _NO_LEVEL)
 
     def nevatia_babu(self, *, threshold: float = 0.0) -> xr.DataArray:
         """Thinned edge elements by six masks; see `tilepipe_kernels.nevatia_babu.elements.thin_edges`.

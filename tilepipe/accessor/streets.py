@@ -9,8 +9,9 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from tilepipe.accessor.blocks import BlockOperators, blanked, even_grid
-from tilepipe.io.arrays import nodata_of
+from tilepipe.accessor.blocks import BlockOperators, even_grid, meant
+from tilepipe.io.arrays import ARRAY
+from tilepipe.io.packing import Packing, packing_of
 from tilepipe.pipelines.streets.reconcile_regions import SUMMED, Regions, reconcile_regions
 from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import Tile, TileGrid
@@ -102,7 +103,7 @@ class StreetOperators(BlockOperators):
         >>> greys.tilepipe.grow_regions(tolerance=10, maximum=100).values[:, ::5].tolist()
         [[1, 1], [0, 0], [2, 2], [0, 0]]
         """
-        grow = _Growing(tolerance, minimum_size, maximum, nodata_of(self._array))
+        grow = _Growing(tolerance, minimum_size, maximum, packing_of(self._array, ARRAY))
         data = self._array.data
         if hasattr(data, "dask"):
             return self._like("grow_regions", _grow_lazily(data, grow, even_grid(data)))
@@ -213,12 +214,12 @@ class StreetOperators(BlockOperators):
 class _Growing:
     """Region growing on blocks, its reconciliation and the publication of ids."""
 
-    def __init__(self, tolerance: float, minimum_size: int, maximum: float, nodata: float | None) -> None:
-        self.tolerance, self.minimum_size, self.maximum, self.nodata = tolerance, minimum_size, maximum, nodata
+    def __init__(self, tolerance: float, minimum_size: int, maximum: float, packing: Packing) -> None:
+        self.tolerance, self.minimum_size, self.maximum, self.packing = tolerance, minimum_size, maximum, packing
 
     def block(self, block: NDArray[Any], tile: Tile, grid: TileGrid) -> tuple[NDArray[np.int32], Facts]:
         """Labels of a block and what the reconciliation needs."""
-        values = np.ascontiguousarray(blanked(block, self.nodata), np.float32)
+        values = np.ascontiguousarray(meant(block, self.packing), np.float32)
         labels = growing.grow_regions(values, self.tolerance, maximum=self.maximum)
         borders, count = raster_borders(grid, tile.number), int(labels.max(initial=0))
         table = region_table.region_table(labels, values, count, borders=borders)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tilepipe.evaluate.results import extent_raster
+from tilepipe.io.file_bands import read_bands
 from tilepipe.io.record import RECORD
 from tilepipe.io.tables import POLYGONS, VectorLayer, in_metres, read_layer
 
@@ -85,7 +86,7 @@ def data_extent(result: Path) -> VectorLayer | None:
     with rasterio.open(raster) as source:
         share = max(1.0, max(source.shape) / _MOST_CELLS)
         rows, columns = (max(1, round(size / share)) for size in source.shape)
-        known = (source.read_masks(1, out_shape=(rows, columns)) > 0).astype(np.uint8)
+        known = np.isfinite(next(read_bands(source, [1], out_shape=(rows, columns)))).astype(np.uint8)
         transform = source.transform * source.transform.scale(source.width / columns, source.height / rows)
         crs = source.crs
     outlines = [shapely.Polygon(shape["coordinates"][0]) for shape, _ in shapes(known, known > 0, transform=transform)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zlib
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,17 +12,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tilepipe.errors import InputError
+from tilepipe.io.bands import Bands, Choice
 from tilepipe.io.georeference import Geometry, check_geometry
-from tilepipe.io.validity import as_block, choose_band, unpacked
+from tilepipe.io.packing import Packing, packing_of, unpack_bands
 from tilepipe.tiling.grid import Window
 
 if TYPE_CHECKING:
     import xarray as xr
 
+ARRAY = "the array"
+"""Name of an input that is no file."""
+
 _IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
 
 _UNEVEN = 0.1
 """Largest deviation of the spacing of coordinates that is taken for rounding, in pixels."""
+
+_BAND = "__band__"
+"""Dimension of the only band of an array that has none for bands."""
 
 _ROWS = 1024
 """Rows of an array that are read at once for its checksum."""
@@ -29,15 +37,22 @@ _ROWS = 1024
 
 @dataclass(frozen=True)
 class ArraySource:
-    """An xarray array (in memory, over dask, or a Zarr store) with dims ``(y, x)`` and north first.
+    """An xarray array (in memory, over dask, or a Zarr store), north first.
 
-    Scale and offset are those that CF attributes name; where xarray has applied them it has moved them elsewhere.
+    Attributes
+    ----------
+    array
+        Dims ``(band, y, x)``: the bands that are read, and alpha after them where there is one.
+    packings
+        How each band is stored.
+    files
+        Stamp of the files of a store.
     """
 
     name: str
     geometry: Geometry
     array: Any
-    nodata: float | None
+    packings: tuple[Packing, ...]
     files: str | None = None
 
     @property
@@ -48,27 +63,75 @@ class ArraySource:
         if self.array.chunks is not None:
             return str(self.array.data.name)
         total = 0
-        for top in range(0, self.array.shape[0], _ROWS):
-            rows = np.ascontiguousarray(self.array[top : top + _ROWS].data)
-            total = zlib.crc32(rows.view(np.uint8).data, total)
+        for plane in self.array:
+            for top in range(0, plane.shape[0], _ROWS):
+                rows = np.ascontiguousarray(plane[top : top + _ROWS].data)
+                total = zlib.crc32(rows.view(np.uint8).data, total)
         return f"{total:08x}"
 
     def read(self, window: Window) -> NDArray[np.float32]:
         """See `Source.read`."""
-        part = self.array[window.slices].data
+        return next(self.read_bands(window))
+
+    def read_bands(self, window: Window) -> Iterator[NDArray[np.float32]]:
+        """See `Source.read_bands`."""
+        part = self.array[(slice(None), *window.slices)].data
         if hasattr(part, "compute"):
             part = part.compute(scheduler="synchronous")
-        scale, offset = (self.array.attrs.get(*name) for name in (("scale_factor", 1.0), ("add_offset", 0.0)))
-        return unpacked(as_block(np.asarray(part), self.nodata), scale, offset)
+        stored, count = np.asarray(part), len(self.packings)
+        return unpack_bands(list(stored[:count]), self.packings, stored[count] if len(stored) > count else None)
 
 
-def array_source(array: xr.DataArray, name: str, *, crs: str | None, band: int | None) -> ArraySource:
+def array_source(array: xr.DataArray, name: str, *, crs: str | None, choice: Choice) -> ArraySource:
     """A source over an xarray array: dims in any order, y up or down, CRS as rioxarray finds it.
 
     Raises
     ------
     InputError
         See `open_raster`.
+    """
+    array = bands_first(array, name)
+    _, y, x = array.dims
+    check_chunks(array, name)
+    array, packings = _chosen(array, name, choice)
+    if array.sizes[y] > 1 and y in array.coords and float(array[y][0]) < float(array[y][-1]):
+        array = array.isel({y: slice(None, None, -1)})
+    if array.dtype.kind not in "biuf":
+        raise InputError(f"{name}: holds {array.dtype} values; use a raster of real numbers")
+    system = array.rio.crs.to_wkt() if array.rio.crs else None
+    shape, unit = (array.sizes[y], array.sizes[x]), array.attrs.get("units")
+    unit = unit if isinstance(unit, str) else None
+    geometry = check_geometry(name, system, _transform(array, name), shape, crs, unit)
+    return ArraySource(name, geometry, array, packings)
+
+
+def check_chunks(array: xr.DataArray, name: str) -> None:
+    """Refuse a lazy array whose shape is not known before it is computed.
+
+    Raises
+    ------
+    InputError
+        Names the array and what to do.
+    """
+    if any(np.isnan(size) for sizes in array.chunks or () for size in sizes):
+        raise InputError(f"{name}: has chunks of unknown sizes; make it of dask_array.compute_chunk_sizes()")
+
+
+def bands_first(array: xr.DataArray, name: str) -> xr.DataArray:
+    """An array with dims ``(band, y, x)``, whatever these are called, from one of two or three dims in any order.
+
+    Raises
+    ------
+    InputError
+        It has no spatial dims, or others than these and one of bands.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import xarray as xr
+    >>> from tilepipe.io.arrays import bands_first
+    >>> bands_first(xr.DataArray(np.zeros((4, 5, 3)), dims=("y", "x", "colour")), "photograph").dims
+    ('colour', 'y', 'x')
     """
     import rioxarray  # noqa: F401
 
@@ -79,18 +142,58 @@ def array_source(array: xr.DataArray, name: str, *, crs: str | None, band: int |
     others = [dim for dim in array.dims if dim not in (y, x)]
     if len(others) > 1:
         raise InputError(f"{name}: has dimensions {array.dims}; select one raster of two dimensions")
-    if others:
-        array = array.isel({others[0]: choose_band(name, array.sizes[others[0]], band) - 1})
-    array = array.transpose(y, x)
-    if array.sizes[y] > 1 and y in array.coords and float(array[y][0]) < float(array[y][-1]):
-        array = array.isel({y: slice(None, None, -1)})
-    if array.dtype.kind not in "biuf":
-        raise InputError(f"{name}: holds {array.dtype} values; use a raster of real numbers")
-    system = array.rio.crs.to_wkt() if array.rio.crs else None
-    shape, unit = (array.sizes[y], array.sizes[x]), array.attrs.get("units")
-    unit = unit if isinstance(unit, str) else None
-    geometry = check_geometry(name, system, _transform(array, name), shape, crs, unit)
-    return ArraySource(name, geometry, array, nodata_of(array))
+    if not others:
+        array, others = array.expand_dims(_BAND), [_BAND]
+    return array.transpose(*others, y, x)
+
+
+def rows_first(array: xr.DataArray) -> xr.DataArray:
+    """An array of two dims as (y, x) where it is known which is which, else as it is.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import xarray as xr
+    >>> from tilepipe.io.arrays import rows_first
+    >>> rows_first(xr.DataArray(np.zeros((5, 4)), dims=("x", "y"))).dims
+    ('y', 'x')
+    """
+    import rioxarray  # noqa: F401
+    from rioxarray.exceptions import MissingSpatialDimensionError
+
+    try:
+        return array.transpose(array.rio.y_dim, array.rio.x_dim)
+    except MissingSpatialDimensionError:
+        return array
+
+
+def _chosen(array: xr.DataArray, name: str, choice: Choice) -> tuple[xr.DataArray, tuple[Packing, ...]]:
+    """The bands of an array that are chosen, alpha after them, and how each of them is stored."""
+    bands = array_bands(array)
+    numbers = choice.of(bands, name)
+    packings = tuple(packing_of(array[number - 1], name) for number in numbers)
+    read = [number - 1 for number in (*numbers, *([bands.alpha] if bands.alpha else []))]
+    # a whole array stays as it is, for slices of it are views
+    return array if read == list(range(array.shape[0])) else array[read], packings
+
+
+def array_bands(array: xr.DataArray) -> Bands:
+    """The bands of an array along its first dimension, by their names where its coordinate or ``long_name`` has some.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import xarray as xr
+    >>> from tilepipe.io.arrays import array_bands
+    >>> pixels = xr.DataArray(np.zeros((2, 3, 3)), {"band": ["grey", "alpha"]}, ("band", "y", "x"))
+    >>> array_bands(pixels).image
+    (1,)
+    """
+    dim, count = array.dims[0], array.shape[0]
+    names = array[dim].to_numpy().tolist() if dim in array.coords else array.attrs.get("long_name")
+    if not isinstance(names, (list, tuple)) or len(names) != count:
+        names = [""] * count
+    return Bands.of([str(name).lower() for name in names])
 
 
 def _transform(array: Any, name: str) -> tuple[float, ...]:
@@ -108,18 +211,7 @@ def _transform(array: Any, name: str) -> tuple[float, ...]:
     return tuple(array.rio.transform(recalc=True))[:6]
 
 
-def nodata_of(array: Any) -> float | None:
-    """Value of an array that means nodata; NaN always does."""
-    import rioxarray  # noqa: F401
-
-    try:
-        nodata = array.rio.nodata
-    except (OverflowError, ValueError):  # no value of this dtype can be that one; NaN is no integer
-        return None
-    return None if nodata is None or np.isnan(nodata) else float(nodata)
-
-
-def zarr_source(path: Path, *, crs: str | None, band: int | None) -> ArraySource:
+def zarr_source(path: Path, *, crs: str | None, choice: Choice) -> ArraySource:
     """A source over the only raster variable of a Zarr store; errors as for `array_source`."""
     import xarray as xr
 
@@ -131,4 +223,4 @@ def zarr_source(path: Path, *, crs: str | None, band: int | None) -> ArraySource
     if len(names) != 1:
         found = ", ".join(names) or "none"
         raise InputError(f"{path}: must hold one raster variable, it holds {found}; keep only one")
-    return array_source(dataset[names[0]], str(path), crs=crs, band=band)
+    return array_source(dataset[names[0]], str(path), crs=crs, choice=choice)

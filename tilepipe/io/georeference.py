@@ -25,6 +25,9 @@ _UNITS = {
 _METRES = {name: metres for metres, names in _UNITS.items() for name in names.split()}
 """Length in metres of the units that rasters name."""
 
+ROUNDING = 1e-2
+"""Largest displacement that is taken for rounding, in pixels: of tiles to each other, or of a corner by rotation."""
+
 _SAME_UNIT = 1e-9
 """Largest relative difference of two spellings of one unit."""
 
@@ -130,7 +133,7 @@ def check_geometry(
             f"{name}: is in degrees ({system.name}); reproject it to a projected CRS first, for example with: "
             f"rio warp IN OUT --dst-crs {utm_zone(c, f)} --dst-nodata 0"
         )
-    if b or d:
+    if max(abs(b) * shape[0], abs(d) * shape[1]) > ROUNDING * abs(a):
         raise InputError(f"{name}: is rotated; resample it north-up first, for example with gdalwarp")
     if not (a > 0 and e < 0):
         raise InputError(f"{name}: is not north-up; resample it first, for example with gdalwarp")

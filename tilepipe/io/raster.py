@@ -8,7 +8,7 @@ sources behind it are files that GDAL reads (`tilepipe.io.sources`), Zarr stores
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,15 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tilepipe.errors import InputError
-from tilepipe.io.georeference import Geometry, same_unit
+from tilepipe.io.bands import Choice
+from tilepipe.io.georeference import ROUNDING, Geometry, same_unit
 from tilepipe.io.sources import Source, open_source
 from tilepipe.tiling.grid import Window
 
 if TYPE_CHECKING:
     import xarray as xr
-
-_ALIGNMENT = 1e-2
-"""Largest misalignment of two tiles that is taken for rounding, in pixels."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +40,7 @@ class Raster:
 
     geometry: Geometry
     members: tuple[Member, ...]
+    bands: int = 1
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -72,10 +71,28 @@ class Raster:
         block = np.full(window.shape, np.nan, np.float32)
         for member in touched:
             part = member.window.intersection(window)
-            values = member.source.read(part.relative_to(member.window))
-            target = block[part.relative_to(window).slices]
-            np.copyto(target, values, where=np.isnan(target))
+            _lay(block, window, member.source.read(part.relative_to(member.window)), part)
         return block
+
+    def read_bands(self, window: Window) -> Iterator[NDArray[np.float32]]:
+        """Read a window of each band that was opened, one after the other; else as `read`.
+
+        A pixel comes from one source with all its bands, and is NaN in all of them where none has it.
+        """
+        touched = [m for m in self.members if not m.window.intersection(window).is_empty]
+        parts = [member.window.intersection(window) for member in touched]
+        found = [m.source.read_bands(part.relative_to(m.window)) for m, part in zip(touched, parts, strict=True)]
+        for _ in range(self.bands):
+            block = np.full(window.shape, np.nan, np.float32)
+            for values, part in zip(found, parts, strict=True):
+                _lay(block, window, next(values), part)
+            yield block
+
+
+def _lay(block: NDArray[np.float32], window: Window, values: NDArray[np.float32], part: Window) -> None:
+    """Lay values of a part of a window below what a block already has."""
+    target = block[part.relative_to(window).slices]
+    np.copyto(target, values, where=np.isnan(target))
 
 
 def open_raster(
@@ -118,9 +135,45 @@ def open_raster(
     >>> raster.shape, raster.read(Window(0, 2, 1, 4)).tolist()
     ((4, 6), [[1.0, 2.0]])
     """
+    return open_bands(inputs, Choice(None if band is None else (band,)), crs=crs)
+
+
+def open_bands(inputs: Sequence[str | Path | xr.DataArray], choice: Choice, *, crs: str | None = None) -> Raster:
+    """Open one or many rasters as one mosaic whose pixels are made of several bands; see `open_raster`.
+
+    Parameters
+    ----------
+    inputs
+        As for `open_raster`.
+    choice
+        The bands.
+    crs
+        As for `open_raster`.
+
+    Raises
+    ------
+    InputError
+        As `open_raster`; or an input does not have the bands.
+
+    Examples
+    --------
+    A pixel is void where all of its bands are.
+
+    >>> import numpy as np
+    >>> import xarray as xr
+    >>> from tilepipe.io.bands import Choice
+    >>> from tilepipe.io.raster import open_bands
+    >>> from tilepipe.tiling.grid import Window
+    >>> pixels = np.array([[[0, 200, 90]] * 3, [[0, 0, 40]] * 3], np.uint8)
+    >>> coordinates = {"y": 5820000.0 - np.arange(3), "x": 392000.0 + np.arange(3)}
+    >>> array = xr.DataArray(pixels, coordinates, ("band", "y", "x"), attrs={"_FillValue": 0})
+    >>> raster = open_bands([array], Choice((1, 2)), crs="EPSG:32633")
+    >>> [band.tolist() for band in raster.read_bands(Window(0, 0, 1, 3))]
+    [[[nan, 200.0, 90.0]], [[nan, 0.0, 40.0]]]
+    """
     if not inputs:
         raise InputError("no input raster: name at least one file")
-    sources = [open_source(item, crs=crs, band=band) for item in inputs]
+    sources = [open_source(item, crs=crs, choice=choice) for item in inputs]
     first = sources[0].geometry
     for source in sources[1:]:
         _check_same_grid(source, sources[0])
@@ -146,7 +199,7 @@ def open_raster(
     crs, metres = min((len(s.geometry.crs), s.geometry.crs, s.geometry.metres) for s in sources)[1:]
     height_metres = min(source.geometry.height_metres for source in sources)
     geometry = Geometry(crs, corner_left, corner_top, pixel, shape, metres, height_metres)
-    return Raster(geometry, tuple(members))
+    return Raster(geometry, tuple(members), len(choice.numbers or (1,)))
 
 
 def _check_same_grid(source: Source, reference: Source) -> None:
@@ -165,7 +218,7 @@ def _check_same_grid(source: Source, reference: Source) -> None:
             "resample one of them with gdalwarp -tr"
         )
     for distance in (mine.left - theirs.left, mine.top - theirs.top):
-        if abs(distance / theirs.pixel - round(distance / theirs.pixel)) > _ALIGNMENT:
+        if abs(distance / theirs.pixel - round(distance / theirs.pixel)) > ROUNDING:
             raise InputError(
                 f"{source.name}: its pixels do not line up with those of {reference.name}; "
                 "resample one of them with gdalwarp -tap"

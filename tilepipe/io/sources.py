@@ -6,7 +6,7 @@ import os
 import threading
 import warnings
 from collections import OrderedDict
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -15,16 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tilepipe.errors import InputError
-from tilepipe.io.arrays import array_source, zarr_source
+from tilepipe.io.arrays import ARRAY, array_source, zarr_source
+from tilepipe.io.bands import Choice
+from tilepipe.io.file_bands import bands_of, read_bands
 from tilepipe.io.georeference import Geometry, check_geometry
-from tilepipe.io.validity import as_block, choose_band, unpacked
 from tilepipe.tiling.grid import Window
 
 if TYPE_CHECKING:
     import xarray as xr
-
-ARRAY = "the array"
-"""Name of an input that is no file."""
 
 _OPEN_FILES = 32
 """Datasets that one thread keeps open."""
@@ -51,14 +49,18 @@ class Source(Protocol):
         ...
 
     def read(self, window: Window) -> NDArray[np.float32]:
-        """Values of ``window`` (inside the source's shape) with NaN for nodata."""
+        """Values of ``window`` (inside the source's shape) with NaN for nodata, of the first band that was chosen."""
+        ...
+
+    def read_bands(self, window: Window) -> Iterator[NDArray[np.float32]]:
+        """Values of each band that was chosen; NaN where the pixel that they make up is void, in all bands alike."""
         ...
 
 
-def open_source(item: str | Path | xr.DataArray, *, crs: str | None, band: int | None) -> Source:
+def open_source(item: str | Path | xr.DataArray, *, crs: str | None, choice: Choice) -> Source:
     """Open one input of a mosaic; see `open_raster`."""
     if not isinstance(item, (str, Path)):
-        return array_source(item, ARRAY, crs=crs, band=band)
+        return array_source(item, ARRAY, crs=crs, choice=choice)
     path = Path(item)
     if not path.exists():
         array = "; a run from an array in memory cannot be repeated from its record" if item == ARRAY else ""
@@ -66,9 +68,9 @@ def open_source(item: str | Path | xr.DataArray, *, crs: str | None, band: int |
     if path.suffix.lower() in (".las", ".laz"):
         raise InputError(f"{path}: is a point cloud; make a raster of it with tilepipe grid first")
     if path.is_dir():
-        source = zarr_source(path, crs=crs, band=band)
+        source = zarr_source(path, crs=crs, choice=choice)
         return replace(source, files=_stamp(file for file in path.rglob("*") if file.is_file()))
-    return _file_source(path, crs=crs, band=band)
+    return _file_source(path, crs=crs, choice=choice)
 
 
 @dataclass(frozen=True)
@@ -78,32 +80,24 @@ class FileSource:
     name: str
     geometry: Geometry
     path: str
-    band: int
+    bands: tuple[int, ...]
     stamp: str
 
     def read(self, window: Window) -> NDArray[np.float32]:
         """See `Source.read`."""
+        return next(self.read_bands(window))
+
+    def read_bands(self, window: Window) -> Iterator[NDArray[np.float32]]:
+        """See `Source.read_bands`."""
         from rasterio.errors import RasterioError
         from rasterio.windows import Window as FileWindow
 
         part = FileWindow(window.left, window.top, window.columns, window.rows)
         place = f"rows {window.top}:{window.bottom}, columns {window.left}:{window.right}"
         try:
-            dataset = _dataset(self.path, self.stamp)
-            values = dataset.read(self.band, window=part)
-            block = as_block(values, dataset.nodatavals[self.band - 1])
-            if _has_mask(dataset, self.band):
-                block[dataset.read_masks(self.band, window=part) == 0] = np.nan
+            yield from read_bands(_dataset(self.path, self.stamp), self.bands, window=part)
         except RasterioError as error:
             raise InputError(f"{self.name}: is damaged, its {place} cannot be read; copy the file anew") from error
-        return unpacked(block, dataset.scales[self.band - 1], dataset.offsets[self.band - 1])
-
-
-def _has_mask(dataset: Any, band: int) -> bool:
-    """Whether a band has a mask of its own or an alpha band, beside its nodata value."""
-    from rasterio.enums import MaskFlags
-
-    return not {MaskFlags.all_valid, MaskFlags.nodata} & set(dataset.mask_flag_enums[band - 1])
 
 
 def _dataset(path: str, stamp: str) -> Any:
@@ -135,7 +129,7 @@ def _status(file: str | Path) -> os.stat_result | None:
         return None
 
 
-def _file_source(path: Path, *, crs: str | None, band: int | None) -> FileSource:
+def _file_source(path: Path, *, crs: str | None, choice: Choice) -> FileSource:
     import rasterio
     from rasterio.errors import NotGeoreferencedWarning, RasterioError
 
@@ -145,24 +139,24 @@ def _file_source(path: Path, *, crs: str | None, band: int | None) -> FileSource
             warnings.simplefilter("ignore", NotGeoreferencedWarning)
             dataset = rasterio.open(path)
         with dataset:
-            band = choose_band(str(path), dataset.count, band)
-            if np.dtype(dataset.dtypes[band - 1]).kind == "c":
+            bands = choice.of(bands_of(dataset), str(path))
+            if any(np.dtype(dataset.dtypes[band - 1]).kind == "c" for band in bands):
                 raise InputError(f"{path}: holds complex numbers; use a raster of real values")
             # without georeferencing rasterio reports the identity, which is south-up and would confuse the message
             transform = dataset.transform
             if dataset.crs is None and transform.is_identity:
                 raise InputError(f"{path}: has no georeferencing; give it an origin and a pixel size with gdal_edit")
             system = dataset.crs.to_wkt() if dataset.crs else None
-            shape, unit = (dataset.height, dataset.width), dataset.units[band - 1]
+            shape, unit = (dataset.height, dataset.width), dataset.units[bands[0] - 1]
             geometry = check_geometry(str(path), system, tuple(transform)[:6], shape, crs, unit)
-            _check_whole(path, dataset, band)
+            _check_whole(path, dataset, bands[0])
             # the sources of a VRT count, statistics and overviews that other programs leave beside a file do not
             files = [name for name in dataset.files if not name.endswith((".aux.xml", ".ovr"))]
     except RasterioError as error:
         raise InputError(
             f"{path}: is no raster that GDAL can read, or is damaged; use GeoTIFF, COG, VRT or Zarr, or copy it anew"
         ) from error
-    return FileSource(str(path), geometry, str(path), band, _stamp(files))
+    return FileSource(str(path), geometry, str(path), bands, _stamp(files))
 
 
 def _check_whole(path: Path, dataset: Any, band: int) -> None:

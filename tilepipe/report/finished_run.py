@@ -19,6 +19,7 @@ from skimage.color import rgb2gray
 from skimage.exposure import rescale_intensity
 
 from tilepipe.errors import InputError
+from tilepipe.io.file_bands import bands_of, read_bands
 from tilepipe.io.record import RECORD, read_record
 from tilepipe.io.tables import LINES, POLYGONS, metres_per_unit, read_vectors, run_table
 
@@ -113,7 +114,8 @@ class FinishedRun:
         """A part of the input as a grey picture of `shape` (rows, columns), uint8; what is unknown is masked.
 
         Rasters are read decimated, through their overviews where they have some, and stretched from percentile 2 to 98.
-        Of three bands and more the first three are taken as red, green and blue. Filled, the unknown is a middle grey.
+        Of three bands and more those called red, green and blue are taken, else the first three. Filled, the unknown is
+        a middle grey.
         """
         mosaic = np.full(shape, np.nan, np.float32)
         for path in self.inputs:
@@ -216,14 +218,13 @@ def _paste(path: Path, mosaic: NDArray[np.float32], bounds: Bounds, band: int | 
         row0, row1 = round((bounds[3] - top) / step_y), round((bounds[3] - bottom) / step_y)
         if column1 <= column0 or row1 <= row0:
             return
-        bands = [band] if band else [1, 2, 3] if raster.count >= 3 else [1]
-        values = raster.read(
-            bands,
-            window=from_bounds(left, bottom, right, top, transform=raster.transform),
-            out_shape=(len(bands), row1 - row0, column1 - column0),
-            resampling=Resampling.average,
-            masked=True,
-        )
-    known = values.astype(np.float32).filled(np.nan)
-    grey = rgb2gray(known, channel_axis=0) if len(bands) == 3 else known[0]
+        bands = bands_of(raster)
+        chosen = (band,) if band else bands.colours or bands.image[: 3 if len(bands.image) > 2 else 1]
+        part = {
+            "window": from_bounds(left, bottom, right, top, transform=raster.transform),
+            "out_shape": (row1 - row0, column1 - column0),
+            "resampling": Resampling.average,
+        }
+        known = np.stack(list(read_bands(raster, chosen, **part)))
+    grey = rgb2gray(known, channel_axis=0) if len(known) == 3 else known[0]
     np.copyto(mosaic[row0:row1, column0:column1], grey, where=np.isfinite(grey))

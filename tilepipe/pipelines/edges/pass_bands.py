@@ -14,8 +14,10 @@ from numpy.typing import NDArray
 from tilepipe.engine.pipeline import Pass, Setting
 from tilepipe.engine.work import Work
 from tilepipe.errors import InputError
-from tilepipe.io.raster import Raster, open_raster
-from tilepipe.io.sources import ARRAY
+from tilepipe.io.arrays import ARRAY, array_bands, bands_first
+from tilepipe.io.bands import Bands, Choice
+from tilepipe.io.file_bands import bands_of
+from tilepipe.io.raster import Raster, open_bands, open_raster
 from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import Tile, Window
 
@@ -36,32 +38,27 @@ class Photograph:
 
     Attributes
     ----------
-    bands
-        One raster per band.
+    raster
+        Of one or many bands.
     weights
         Weight of each band; None = the first principal component, not found yet.
     conversion
         What the grey value is: ``single band``, ``luminance`` or ``first principal component``.
     """
 
-    bands: tuple[Raster, ...]
+    raster: Raster
     weights: tuple[float, ...] | None
     conversion: str
 
-    @property
-    def raster(self) -> Raster:
-        """The first band: grid, names and stamps are those of all."""
-        return self.bands[0]
-
     def read(self, window: Window) -> NDArray[np.float32]:
-        """Grey values of a window, float32; NaN where any band is nodata."""
+        """Grey values of a window, float32; NaN where the pixel is nodata."""
         if self.weights is None:
             raise ValueError("the weights of the bands are not known yet")
         if self.weights == (1.0,):
             return self.raster.read(window)
-        grey = self.raster.read(window) * np.float32(self.weights[0])
-        for band, weight in zip(self.bands[1:], self.weights[1:], strict=True):
-            grey += band.read(window) * np.float32(weight)
+        grey = np.zeros(window.shape, np.float32)
+        for band, weight in zip(self.raster.read_bands(window), self.weights, strict=True):
+            grey += band * np.float32(weight)
         return grey
 
     @property
@@ -75,14 +72,14 @@ class Photograph:
         Raises
         ------
         InputError
-            When no pixel is valid in all bands.
+            When no pixel is valid.
         """
         parts = list(facts)
         order = np.argsort(np.concatenate([part["site"] for part in parts]), kind="stable")
         samples = np.concatenate([part["sample"] for part in parts])[order].astype(np.float64)
         if not len(samples):
             raise InputError(
-                f"{self.raster.names[0]}: no pixel is valid in all bands; check the nodata value or choose a --band"
+                f"{self.raster.names[0]}: holds nothing but nodata; check the nodata value or choose a --band"
             )
         return replace(self, weights=principal_weights(samples))
 
@@ -101,12 +98,12 @@ def principal_weights(samples: NDArray[np.float64]) -> tuple[float, ...]:
 
 
 def sample_bands(photograph: Photograph, tile: Tile) -> Facts:
-    """Tile function (halo 0): facts are the pixels of a global lattice that are valid in all bands."""
+    """Tile function (halo 0): facts are the valid pixels of a global lattice."""
     core, spacing = tile.core, photograph.spacing
     rows = np.arange(-(-core.top // spacing) * spacing, core.bottom, spacing)
     columns = np.arange(-(-core.left // spacing) * spacing, core.right, spacing)
     at = np.ix_(rows - core.top, columns - core.left)
-    values = np.stack([band.read(core)[at].reshape(-1) for band in photograph.bands], axis=1)
+    values = np.stack([band[at].reshape(-1) for band in photograph.raster.read_bands(core)], axis=1)
     site = (rows[:, None] * photograph.raster.shape[1] + columns).reshape(-1)
     valid = ~np.isnan(values).any(axis=1)
     return {"site": site[valid], "sample": values[valid]}
@@ -150,49 +147,43 @@ def open_photograph(inputs: Sequence[Any], *, crs: str | None, band: int | None,
     """
     if not inputs:
         raise InputError("no input image: name at least one file")
-    bands, colours = _colour_bands(inputs[0]) if band is None else ([band], None)
-    if len(bands) <= 1:
-        raster = open_raster(inputs, crs=crs, band=bands[0] if bands else None)
+    bands = _bands(inputs[0])
+    if len(bands.image) == 1 and bands.palettes == bands.image and band in (None, *bands.image):
+        # red, green and blue of its entries
+        bands, band = Bands((1, 2, 3), None, (1, 2, 3)), None
+    if band is not None or len(bands.image) <= 1:
+        raster = open_raster(inputs, crs=crs, band=band)
         if grey != "automatic":
             which = "it has one band" if band is None else f"--band {band} chooses one band"
             raise InputError(f"{_name(inputs[0])}: {which}, which is grey as it is; leave out --set grey={grey}")
-        return Photograph((raster,), (1.0,), "single band")
-    if grey == "luminance" and colours is None:
+        return Photograph(raster, (1.0,), "single band")
+    if grey == "luminance" and bands.colours is None:
         raise InputError(
-            f"{_name(inputs[0])}: has {len(bands)} bands and none tagged as red, green and blue; "
+            f"{_name(inputs[0])}: has {len(bands.image)} bands and none tagged as red, green and blue; "
             "use --set grey=principal or --band n"
         )
-    if grey != "principal" and colours is not None:
-        return Photograph(_opened(inputs, crs, colours), LUMINANCE, "luminance")
-    return Photograph(_opened(inputs, crs, bands), None, PRINCIPAL_COMPONENT)
-
-
-def _opened(inputs: Sequence[Any], crs: str | None, bands: Sequence[int]) -> tuple[Raster, ...]:
-    return tuple(open_raster(inputs, crs=crs, band=band) for band in bands)
+    if grey != "principal" and bands.colours is not None:
+        raster = open_bands(inputs, Choice(bands.colours, colours=True), crs=crs)
+        return Photograph(raster, LUMINANCE, "luminance")
+    every = Choice(bands.image, colours=bands.colours == bands.image)
+    return Photograph(open_bands(inputs, every, crs=crs), None, PRINCIPAL_COMPONENT)
 
 
 def _name(item: Any) -> str:
     return str(item) if isinstance(item, (str, Path)) else ARRAY
 
 
-def _colour_bands(item: Any) -> tuple[list[int], list[int] | None]:
-    """Numbers of all bands but alpha, none where only opening it tells; and of red, green and blue if known."""
-    if isinstance(item, (str, Path)) and not Path(item).is_dir():
-        import rasterio
-        from rasterio.enums import ColorInterp
-        from rasterio.errors import RasterioError
+def _bands(item: Any) -> Bands:
+    """The bands of an input; none where only opening it tells, or says what is wrong."""
+    if not isinstance(item, (str, Path)):
+        return array_bands(bands_first(item, ARRAY))
+    if Path(item).is_dir():
+        return Bands(())
+    import rasterio
+    from rasterio.errors import RasterioError
 
-        try:
-            with rasterio.open(item) as dataset:
-                meanings = dataset.colorinterp
-        except RasterioError:
-            return [], None  # opening it as a raster says what is wrong
-        bands = [number for number, meaning in enumerate(meanings, 1) if meaning != ColorInterp.alpha]
-        named = [ColorInterp.red, ColorInterp.green, ColorInterp.blue]
-        if all(meaning in meanings for meaning in named):
-            return bands, [meanings.index(meaning) + 1 for meaning in named]
-        return bands, bands if len(bands) == 3 else None
-    shape = getattr(item, "shape", ())
-    count = min(shape) if len(shape) == 3 else 0
-    bands = list(range(1, count + 1))
-    return bands, bands if count == 3 else None
+    try:
+        with rasterio.open(item) as dataset:
+            return bands_of(dataset)
+    except RasterioError:
+        return Bands(())
