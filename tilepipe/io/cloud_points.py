@@ -1,4 +1,4 @@
-"""Points of clouds, read in chunks as integers, and those of them that count."""
+"""Points of clouds, read in chunks, and those of them that count."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from tilepipe.errors import InputError
 from tilepipe.io.clouds import Cloud
+from tilepipe_kernels.points.duplicates import fingerprints
 
 Value = Literal["height", "intensity"]
 Returns = Literal["first", "last", "all"]
@@ -20,16 +21,22 @@ Returns = Literal["first", "last", "all"]
 NOISE_CLASSES = (7, 18)
 """ASPRS classes low and high noise, left out unless asked for."""
 
-_FIELDS = (
+PLACES = (
     DecompressionSelection.XY_RETURNS_CHANNEL
     | DecompressionSelection.Z
     | DecompressionSelection.CLASSIFICATION
     | DecompressionSelection.FLAGS
-    | DecompressionSelection.INTENSITY
 )
+"""What tells where the points that count lie."""
 
-Chunk = tuple[int, NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]
-"""Points read, and of those that count x, y and value; see `read_points`."""
+VALUES = PLACES | DecompressionSelection.INTENSITY
+"""What tells their values as well."""
+
+IDENTITY = VALUES | DecompressionSelection.GPS_TIME
+"""What tells a point from all others as well."""
+
+Chunk = tuple[int, Any]
+"""Number of points read, and laspy's records of those that count."""
 
 
 @dataclass(frozen=True)
@@ -52,67 +59,67 @@ class PointFilter:
         return kept
 
 
-def value_quantum(clouds: Sequence[Cloud], value: Value) -> float:
-    """Size of a value's tick: 1 for intensity, for heights the finest z scale (coarser if int32 needs it)."""
-    if value == "intensity":
-        return 1.0
-    quantum = min(cloud.scales[2] for cloud in clouds)
-    extreme = max(
-        abs(raw * cloud.scales[2] + cloud.offsets[2]) for cloud in clouds for raw in (cloud.lowest[2], cloud.highest[2])
-    )
-    while extreme / quantum >= 2**31 - 1:
-        quantum *= 10
-    return quantum
-
-
 def read_points(
-    cloud: Cloud, value: Value, quantum: float, point_filter: PointFilter, chunk_points: int, parallel: bool
+    cloud: Cloud, fields: DecompressionSelection, point_filter: PointFilter, chunk_points: int, parallel: bool
 ) -> Iterator[Chunk]:
     """Read a cloud in chunks.
 
     Yields
     ------
-    count, x, y, values
-        Number of points read; of those that pass the filter the LAS integer coordinates and the values in
-        ticks of ``quantum``, all int32.
+    count, points
+        Number of points read; laspy's records of those that pass the filter, of which only ``fields`` are sure
+        to be filled.
 
     Raises
     ------
     InputError
-        Naming the file, if it is cut off or damaged, or has points outside the bounding box of its header.
+        Naming the file, if it is cut off or damaged.
     """
     backend = LazBackend.LazrsParallel if parallel else LazBackend.Lazrs
     left = cloud.points
     try:
-        with laspy.open(cloud.path, laz_backend=backend, decompression_selection=_FIELDS) as reader:
+        with laspy.open(cloud.path, laz_backend=backend, decompression_selection=fields) as reader:
             while left > 0:
                 wanted = min(chunk_points, left)
                 chunk = reader.read_points(wanted)
                 if len(chunk) < wanted:
                     raise InputError(f"{cloud.path}: cut off {left - len(chunk):,} points before its end")
                 left -= wanted
-                yield wanted, *_columns(cloud, chunk, value, quantum, point_filter)
+                keep = point_filter.keep(chunk)
+                yield wanted, chunk if keep.all() else chunk[keep]
     except InputError:
         raise
     except Exception as error:
         raise InputError(f"{cloud.path}: damaged or cut off ({error}); get a fresh copy") from error
 
 
-def _columns(
-    cloud: Cloud, chunk: Any, value: Value, quantum: float, point_filter: PointFilter
-) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]:
-    x, y = np.array(chunk.X, np.int32), np.array(chunk.Y, np.int32)
-    for axis, raw in enumerate((x, y, np.asarray(chunk.Z))):
-        if int(raw.min()) < cloud.lowest[axis] or int(raw.max()) > cloud.highest[axis]:
-            raise InputError(
-                f"{cloud.path}: points lie outside the bounding box of the header; repair it (lasinfo -repair_bb)"
-            )
+def raw_coordinates(points: Any) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """LAS integers x and y of points."""
+    return np.array(points.X, np.int32), np.array(points.Y, np.int32)
+
+
+def ticks(cloud: Cloud, points: Any, value: Value, quantum: float) -> NDArray[np.int32]:
+    """Values of points in ticks of ``quantum``."""
     if value == "intensity":
-        values = np.array(chunk.intensity, np.int32)
-    else:
-        heights = np.asarray(chunk.Z) * cloud.scales[2] + cloud.offsets[2]
-        values = np.rint(heights / quantum).astype(np.int32)
-    keep = point_filter.keep(chunk)
-    if keep.all():
-        return x, y, values
-    return x[keep], y[keep], values[keep]
+        return np.array(points.intensity, np.int32)
+    heights = np.asarray(points.Z) * cloud.scales[2] + cloud.offsets[2]
+    return np.rint(heights / quantum).astype(np.int32)
+
+
+def identities(cloud: Cloud, points: Any, steps: Sequence[float] | NDArray[np.float64]) -> NDArray[np.uint64]:
+    """Fingerprints of points by place, time, return and intensity, which their copies in other clouds share.
+
+    ``steps`` are the coarsest scales of all the clouds: the same place, counted from other offsets, is the same
+    number of steps.
+    """
+    place = [
+        np.rint((np.asarray(raw) * scale + offset) / step).astype(np.int64)
+        for raw, scale, offset, step in zip(
+            (points.X, points.Y, points.Z), cloud.scales, cloud.offsets, steps, strict=True
+        )
+    ]
+    fields = [*place, np.asarray(points.return_number), np.asarray(points.intensity)]
+    if "gps_time" in points.point_format.dimension_names:
+        # of the two zeros only one is left
+        fields.append(np.asarray(points.gps_time, np.float64) + 0.0)
+    return fingerprints(*fields)

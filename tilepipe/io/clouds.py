@@ -30,8 +30,6 @@ class Cloud:
         Number of points, at least 1.
     scales, offsets
         For x, y, z: coordinate = integer * scale + offset, in CRS units.
-    lowest, highest
-        Bounding box in those integers.
     crs
         Horizontal part of the CRS, or None if the header names none.
     vertical_unit
@@ -42,8 +40,6 @@ class Cloud:
     points: int
     scales: tuple[float, float, float]
     offsets: tuple[float, float, float]
-    lowest: tuple[int, int, int]
-    highest: tuple[int, int, int]
     crs: CRS | None
     vertical_unit: str | None
 
@@ -150,27 +146,16 @@ def read_cloud(path: str | Path) -> Cloud:
             header = reader.header
             count = int(header.point_count)
             scales, offsets = header.scales.astype(float), header.offsets.astype(float)
-            bounds = np.stack([header.mins, header.maxs]).astype(float)
             crs, vertical_unit = _crs_of(header)
     except Exception as error:
         reason = "is no point cloud" if isinstance(error, laspy.LaspyException) and "signature" in str(error) else error
         raise InputError(f"{path}: not a readable LAS, LAZ or COPC file ({reason})") from error
     if count == 0:
         raise InputError(f"{path}: the cloud has no points; leave the file out")
-    raw = np.rint((bounds - offsets) / scales) if (scales > 0).all() else np.full((2, 3), np.nan)
-    if not (np.abs(raw) < 2.0**31).all() or (raw[0] > raw[1]).any():
-        raise InputError(f"{path}: scales, offsets or bounding box in the header make no sense; repair it")
-    lowest, highest = raw.astype(int).tolist()
-    return Cloud(
-        path,
-        count,
-        tuple(scales.tolist()),
-        tuple(offsets.tolist()),
-        tuple(lowest),
-        tuple(highest),
-        crs,
-        vertical_unit,
-    )
+    # the bounding box is not looked at: writers leave it at zero, at that of the tile, or rounded
+    if not ((scales > 0).all() and np.isfinite(scales).all() and np.isfinite(offsets).all()):
+        raise InputError(f"{path}: scales or offsets in the header make no sense; repair it")
+    return Cloud(path, count, tuple(scales.tolist()), tuple(offsets.tolist()), crs, vertical_unit)
 
 
 def common_crs(clouds: Sequence[Cloud], crs: str | CRS | None = None) -> tuple[CRS, str]:

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from tilepipe_kernels.core.compiled import loop, rule
 
-SUBCELLS = 1 << 16
+SUBCELL_BITS = 16
+SUBCELLS = 1 << SUBCELL_BITS
 POINT = np.dtype([("row", "<u2"), ("column", "<u2"), ("y", "<u2"), ("x", "<u2"), ("value", "<i4")])
 """A point in a tile: its cell, counted from the tile's padded corner; its subcell; its value in ticks."""
 

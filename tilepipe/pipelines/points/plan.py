@@ -1,4 +1,4 @@
-"""What gridding will do, settled from options and headers before any point is read."""
+"""What gridding will do: options and headers checked before any point is read, then extent and tiles."""
 
 from __future__ import annotations
 
@@ -9,73 +9,94 @@ from pathlib import Path
 from typing import get_args
 
 import numpy as np
+from numpy.typing import NDArray
 from pyproj import CRS
 from rasterio.windows import Window
 
 from tilepipe.errors import InputError
-from tilepipe.io.cloud_points import Value, value_quantum
+from tilepipe.io.cloud_points import Value
 from tilepipe.io.clouds import Cloud, common_crs, metres_per_unit, read_cloud
+from tilepipe.pipelines.points.extent import Extent
 from tilepipe_kernels.points.gridding import BYTES_PER_CELL, BYTES_PER_POINT, METHODS, Method
 from tilepipe_kernels.points.gridding import halo as gridding_halo
-from tilepipe_kernels.points.point_tiles import MAXIMUM_SIDE, subcells
+from tilepipe_kernels.points.point_tiles import MAXIMUM_SIDE
 
 _TILE, _SMALLEST_TILE = 1024, 512
-_FURTHEST_INDEX = 2.0**31
 
-_MANY_CELLS, _MOST_EMPTY = 1_000_000_000, 100
-"""A raster of more cells than this, and more than so many times those of its clouds, is hardly meant."""
+MARK = np.dtype([("print", "<u8"), ("cloud", "<u4")])
+"""What tells a point of a tile from its copies: fingerprint, and number of the cloud that it comes from."""
+
+_BYTES_PER_MARK = MARK.itemsize + 48
+"""Memory of a tile for a point's mark, its sorting included."""
+
+_WEIGHING: tuple[Method, ...] = ("mean", "idw")
+"""Methods for which it matters how often a point is there."""
 
 
 @dataclass(frozen=True)
-class GridPlan:
-    """Everything about a gridding job that is known from the headers.
-
-    Attributes
-    ----------
-    cell
-        Side of a cell in CRS units.
-    origin
-        Global row and column of the raster's first cell; rows count southwards from the origin of the CRS.
-    shape
-        Rows and columns of the raster.
-    side, margin
-        Of a tile, in cells.
-    reach, radius
-        Void reach and IDW radius in cells.
-    """
+class GridJob:
+    """What is asked for, checked; lengths are in cells but for ``resolution`` (m) and ``cell`` (CRS units)."""
 
     clouds: tuple[Cloud, ...]
     crs: CRS
     vertical_unit: str
     value: Value
     method: Method
-    quantum: float
+    resolution: float
     cell: float
-    origin: tuple[int, int]
-    shape: tuple[int, int]
-    side: int
-    margin: int
     reach: float
     radius: float
 
     @property
+    def margin(self) -> int:
+        """Cells around a tile on which it depends."""
+        return gridding_halo(self.method, self.reach, self.radius)
+
+
+@dataclass(frozen=True)
+class GridPlan:
+    """Everything about a gridding job that is known before its points are dealt out.
+
+    Attributes
+    ----------
+    job
+        What is asked for.
+    quantum
+        Size of a value's tick.
+    extent
+        Global row and column of the raster's first cell (rows count southwards from the origin of the CRS), and its
+        rows and columns.
+    side
+        Of a tile, in cells.
+    overlapping
+        For each tile whether several clouds may hold the same points there.
+    """
+
+    job: GridJob
+    quantum: float
+    extent: Extent
+    side: int
+    overlapping: NDArray[np.bool_]
+
+    @property
     def tiles(self) -> tuple[int, int]:
         """Tiles down and across."""
-        return -(-self.shape[0] // self.side), -(-self.shape[1] // self.side)
+        return _tiles(self.extent, self.side)
 
     def window(self, tile: int) -> Window:
         """Cells of the raster that a tile covers."""
+        rows, columns = self.extent.shape
         row, column = (index * self.side for index in divmod(tile, self.tiles[1]))
-        height, width = min(self.side, self.shape[0] - row), min(self.side, self.shape[1] - column)
-        return Window(column, row, width, height)
+        return Window(column, row, min(self.side, columns - column), min(self.side, rows - row))
 
-    def tile_memory(self, points: int) -> int:
+    def tile_memory(self, tile: int, points: int) -> int:
         """Bytes that gridding a tile of so many points needs."""
-        cells = (self.side + 2 * self.margin) ** 2
-        return cells * BYTES_PER_CELL + points * BYTES_PER_POINT
+        cells = (self.side + 2 * self.job.margin) ** 2
+        of_point = BYTES_PER_POINT + (_BYTES_PER_MARK if self.overlapping[tile] else 0)
+        return cells * BYTES_PER_CELL + points * of_point
 
 
-def plan_grid(
+def checked_job(
     paths: Sequence[Path],
     resolution: float,
     value: Value,
@@ -83,13 +104,8 @@ def plan_grid(
     void_reach: float,
     idw_radius: float | None,
     crs: str | CRS | None,
-    memory: int,
-) -> GridPlan:
-    """Check the options and the headers, and choose the raster's extent and the tiles.
-
-    ``memory`` is what one worker may use, in bytes; the tiles shrink to fit it where points lie evenly.  The
-    other parameters, and the errors, are those of `tilepipe.pipelines.points.recipe.grid_clouds`.
-    """
+) -> GridJob:
+    """Check options and headers; parameters and errors are those of `tilepipe.pipelines.points.recipe.grid_clouds`."""
     if not (math.isfinite(resolution) and resolution > 0):
         raise InputError(f"the resolution must be a positive number of metres, not {resolution}")
     if not (math.isfinite(void_reach) and void_reach >= 0):
@@ -102,69 +118,73 @@ def plan_grid(
         raise InputError(f"unknown method {method!r}; choose one of {', '.join(METHODS)}")
     clouds = tuple(read_cloud(path) for path in paths)
     horizontal, vertical_unit = common_crs(clouds, crs)
-    cell = resolution / metres_per_unit(horizontal)
-    origin, shape = _extent(clouds, cell, resolution)
-    reach = void_reach / resolution
     radius = (math.sqrt(2) if idw_radius is None else idw_radius / resolution) if method == "idw" else 0.0
-    margin = gridding_halo(method, reach, radius)
-    density = sum(cloud.points for cloud in clouds) / (shape[0] * shape[1])
-    side = _TILE
-    while side < 4 * margin:
-        side *= 2
-    while side > _SMALLEST_TILE and _tile_memory(side + 2 * margin, density) > memory:
-        side //= 2
-    if side + 2 * margin > MAXIMUM_SIDE:
-        raise InputError(f"a reach of {margin} cells is too far; shorten it or coarsen the resolution")
-    return GridPlan(
+    job = GridJob(
         clouds=clouds,
         crs=horizontal,
         vertical_unit=vertical_unit,
         value=value,
         method=method,
-        quantum=value_quantum(clouds, value),
-        cell=cell,
-        origin=origin,
-        shape=shape,
-        side=side,
-        margin=margin,
-        reach=reach,
+        resolution=resolution,
+        cell=resolution / metres_per_unit(horizontal),
+        reach=void_reach / resolution,
         radius=radius,
     )
+    if _side(job) + 2 * job.margin > MAXIMUM_SIDE:
+        raise InputError(f"a reach of {job.margin} cells is too far; shorten it or coarsen the resolution")
+    return job
 
 
-def _tile_memory(padded_side: int, density: float) -> int:
+def plan_grid(job: GridJob, extent: Extent, heights: tuple[float, float], memory: int) -> GridPlan:
+    """Choose the tiles.
+
+    ``heights`` are the lowest and the highest; ``memory`` is what one worker may use, in bytes: the tiles shrink to
+    fit it where points lie evenly.
+    """
+    side, density = _side(job), extent.points / math.prod(extent.shape)
+    while side > _SMALLEST_TILE and _even_memory(side + 2 * job.margin, density) > memory:
+        side //= 2
+    return GridPlan(job, _quantum(job, heights), extent, side, _overlapping(job, extent, side))
+
+
+def _side(job: GridJob) -> int:
+    """Side of a tile that is wide for its margin."""
+    side = _TILE
+    while side < 4 * job.margin:
+        side *= 2
+    return side
+
+
+def _even_memory(padded_side: int, density: float) -> int:
     """Bytes for a padded tile with twice as many points per cell as on average."""
     return padded_side**2 * (BYTES_PER_CELL + math.ceil(2 * density * BYTES_PER_POINT))
 
 
-def _extent(clouds: Sequence[Cloud], cell: float, resolution: float) -> tuple[tuple[int, int], tuple[int, int]]:
-    """Global row and column of the first cell, and the shape, of the raster that holds all clouds."""
-    boxes = np.array([_box(cloud, cell) for cloud in clouds])
-    (top, left), (bottom, right) = boxes[:, :, 0].min(axis=0).tolist(), boxes[:, :, 1].max(axis=0).tolist()
-    shape = bottom - top + 1, right - left + 1
-    covered = int(np.prod(boxes[:, :, 1] - boxes[:, :, 0] + 1, axis=1).sum())
-    if math.prod(shape) > max(_MANY_CELLS, _MOST_EMPTY * covered):
-        centres = boxes.mean(axis=2)
-        astray = int(np.hypot(*(centres - centres.mean(axis=0)).T).argmax())
-        distances = np.hypot(*(centres - centres[astray]).T) * resolution / 1000
-        raise InputError(
-            f"{clouds[astray].path} and {clouds[int(distances.argmax())].path} lie {distances.max():,.0f} km apart: "
-            f"the raster would have {math.prod(shape) / 1e9:,.0f} Gpx, {math.prod(shape) // covered:,} times what the "
-            "clouds cover; grid clouds of one place at a time, and check the CRS of those that lie astray"
-        )
-    return (top, left), shape
+def _quantum(job: GridJob, heights: tuple[float, float]) -> float:
+    """Size of a value's tick: 1 for intensity, for heights the finest z scale (coarser if int32 needs it)."""
+    if job.value == "intensity":
+        return 1.0
+    quantum = min(cloud.scales[2] for cloud in job.clouds)
+    while max(map(abs, heights)) / quantum >= 2**31 - 1:
+        quantum *= 10
+    return quantum
 
 
-def _box(cloud: Cloud, cell: float) -> list[list[int]]:
-    """First and last of the global rows, and of the columns, of a cloud's bounding box."""
-    box: list[list[int]] = []
-    for axis, side in ((1, -cell), (0, cell)):
-        raw, scale, offset = (
-            np.array([cloud.lowest[axis], cloud.highest[axis]]),
-            cloud.scales[axis],
-            cloud.offsets[axis],
-        )
-        if np.abs((raw * scale + offset) / cell).max() >= _FURTHEST_INDEX:
-            raise InputError("the resolution is too fine for the CRS's coordinates; coarsen it")
-        box.append(sorted((subcells(raw, scale, offset, side) >> 16).tolist()))
-    return box
+def _tiles(extent: Extent, side: int) -> tuple[int, int]:
+    return -(-extent.shape[0] // side), -(-extent.shape[1] // side)
+
+
+def _overlapping(job: GridJob, extent: Extent, side: int) -> NDArray[np.bool_]:
+    """For each tile whether the boxes of two clouds meet in it or its margin, and copies of points would weigh."""
+    tiles = _tiles(extent, side)
+    result = np.zeros(tiles, np.bool_)
+    boxes = extent.boxes if job.method in _WEIGHING else extent.boxes[:0]
+    for number, box in enumerate(boxes):
+        lowest = np.maximum(box[0], boxes[number + 1 :, 0])
+        highest = np.minimum(box[1], boxes[number + 1 :, 1])
+        common = (lowest <= highest).all(axis=1)
+        first = np.maximum(lowest[common] - extent.origin - job.margin, 0) // side
+        last = (highest[common] - extent.origin + job.margin) // side
+        for (top, left), (bottom, right) in zip(first.tolist(), last.tolist(), strict=True):
+            result[top : bottom + 1, left : right + 1] = True
+    return result.ravel()

@@ -1,0 +1,154 @@
+"""Where the points lie decides, not the headers; points astray are named; a point in several clouds counts once."""
+
+from __future__ import annotations
+
+import struct
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rasterio
+
+from tests.io.test_clouds import read, write
+from tilepipe.errors import InputError
+from tilepipe.pipelines.points import survey
+from tilepipe.pipelines.points.recipe import grid_clouds
+from tilepipe_kernels.points.duplicates import counted_once, fingerprints
+
+OFFSET = (600000.0, 4000000.0, 0.0)
+
+
+@pytest.fixture
+def scene() -> np.ndarray:
+    """Coordinates of 5,000 points in a square of 40 m, shape (3, points)."""
+    random = np.random.default_rng(0)
+    x, y = 635000 + random.uniform(0.1, 39.9, (1, 5000)), 4295000 + random.uniform(0.1, 39.9, (1, 5000))
+    return np.concatenate([x, y, random.normal(50, 1, (1, 5000))]).round(2)
+
+
+def with_header_box(path: Path, lowest: tuple[float, ...], highest: tuple[float, ...]) -> Path:
+    """The same cloud whose header tells of another bounding box."""
+    data = bytearray(path.read_bytes())
+    struct.pack_into("<6d", data, 179, *np.stack([highest, lowest], axis=1).ravel())
+    other = path.with_name("other.las")
+    other.write_bytes(data)
+    return other
+
+
+@pytest.mark.parametrize(
+    ("lowest", "highest"),
+    [
+        ((0, 0, 0), (636000, 4296000, 100)),
+        ((635000, 4295000, 0), (636000, 4296000, 200)),
+        ((635010, 4295010, 50), (635020, 4295020, 51)),
+        ((0, 0, 0), (0, 0, 0)),
+        ((np.nan,) * 3, (np.inf,) * 3),
+    ],
+)
+def test_the_box_of_the_header_does_not_matter(scene, tmp_path, lowest, highest) -> None:
+    plain = write(tmp_path / "plain.las", *scene, offset=OFFSET)
+    first = grid_clouds([plain], tmp_path / "first.tif", method="max")
+    second = grid_clouds([with_header_box(plain, lowest, highest)], tmp_path / "second.tif", method="max")
+    assert first.read_bytes() == second.read_bytes()
+    with rasterio.open(second) as raster:
+        x, y, _ = scene
+        assert raster.bounds.left == np.floor(x.min() * 2) / 2 and raster.bounds.top == np.ceil(y.max() * 2) / 2
+        assert raster.shape == (80, 80)
+
+
+def test_extent_is_that_of_the_points_that_count(scene, tmp_path) -> None:
+    """Noise and withheld points, here at a corner 900 m away, do not widen the raster."""
+    x, y, z = np.append(scene, scene[:, :1] + [[900.0], [900.0], [0.0]], axis=1)
+    classes = np.append(np.full(5000, 2, np.uint8), np.uint8(7))
+    path = write(tmp_path / "noise.las", x, y, z, offset=OFFSET, classification=classes)
+    assert read(grid_clouds([path], tmp_path / "o.tif", method="max")).shape == (80, 80)
+
+
+@pytest.mark.parametrize("place", [(0.0, 0.0), (735000.0, 4295000.0), (635000.0, 4285000.0), (-1e6, 9e6)])
+def test_a_stray_point_is_named_and_left_out(scene, tmp_path, place) -> None:
+    plain = write(tmp_path / "plain.las", *scene, offset=OFFSET)
+    stray = write(tmp_path / "stray.las", *np.append(scene, [[place[0]], [place[1]], [0.0]], axis=1), offset=OFFSET)
+    expected = grid_clouds([plain], tmp_path / "plain.tif", void_reach=2.0, resolution=1.0, method="max")
+    named = rf"stray\.las: 1 point at x {place[0]:.0f}, y {place[1]:.0f}, .* km from all others, is left out"
+    with pytest.warns(UserWarning, match=named):
+        found = grid_clouds([stray], tmp_path / "stray.tif", void_reach=2.0, resolution=1.0, method="max")
+    np.testing.assert_array_equal(read(found), read(expected))
+
+
+def test_stray_points_at_many_places_are_counted(scene, tmp_path) -> None:
+    away = np.random.default_rng(1).uniform([[-1e6], [-1e6], [0]], [[1e6], [1e6], [9]], (3, 30))
+    path = write(tmp_path / "stray.las", *np.append(scene, away, axis=1), offset=OFFSET)
+    with pytest.warns(UserWarning, match=r"30 points at 30 places, the farthest at x"):
+        assert read(grid_clouds([path], tmp_path / "o.tif", method="max")).shape == (80, 80)
+
+
+def test_an_island_far_away_is_data(scene, tmp_path) -> None:
+    """As dense as the rest: it is kept where the raster stays small, else refused with what can be set."""
+    near = write(tmp_path / "near.las", *scene, offset=OFFSET)
+    island = write(tmp_path / "island.las", *np.add(scene, [[30000.0], [9000.0], [0.0]]), offset=OFFSET)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        coarse = grid_clouds([near, island], tmp_path / "coarse.tif", resolution=5.0, method="max")
+    assert read(coarse).shape == (9040 // 5, 30040 // 5)
+    named = r"near\.las: 5,000 points at x 635000, .* 31\.3 km from most of .*island\.las: .*--resolution 1 or coarser"
+    with pytest.raises(InputError, match=named):
+        grid_clouds([near, island], tmp_path / "fine.tif", resolution=0.1, method="max")
+    assert not (tmp_path / "fine.tif").exists()
+
+
+def test_points_scattered_everywhere_are_refused(scene, tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr(survey, "_MOST_BLOCKS", 20)
+    away = np.random.default_rng(1).uniform([[-1e6], [-1e6], [0]], [[1e6], [1e6], [9]], (3, 30))
+    path = write(tmp_path / "scattered.las", *away)
+    with pytest.raises(InputError, match=r"scattered\.las: its points are scattered .* coarsen"):
+        grid_clouds([path], tmp_path / "o.tif")
+
+
+@pytest.mark.parametrize("method", ["nearest", "max", "min", "mean", "idw"])
+@pytest.mark.parametrize("buffers", ["buffered", "cut"])
+def test_tiles_with_buffers_are_as_the_whole_cloud(tmp_path, method, buffers) -> None:
+    """Points of a strip lie in both clouds, from other offsets; some points are twice in the whole cloud too."""
+    random = np.random.default_rng(0)
+    x, y = random.uniform(0, 60, (2, 20_000)).round(2)
+    z, time = (x / 2 + random.normal(0, 1, 20_000)).round(2), np.sort(random.uniform(0, 1e6, 20_000))
+    # a measurement repeated at the same place and height at another time is one of its own
+    x[1::100], y[1::100], z[1::100] = x[::100], y[::100], z[::100]
+    # the same point twice in one cloud
+    x[2::100], y[2::100], z[2::100], time[2::100] = x[::100], y[::100], z[::100], time[::100]
+    whole = write(tmp_path / "whole.las", x + 5e5, y + 5e6, z, offset=(5e5, 5e6, 0), gps_time=time)
+    left, right = (x < 40.3, x >= 20.3) if buffers == "buffered" else (x < 30, x >= 30)
+    parts = [
+        write(tmp_path / name, x[own] + 5e5, y[own] + 5e6, z[own], offset=(5e5 + shift, 5e6, 7), gps_time=time[own])
+        for name, own, shift in (("a.laz", left, 0), ("b.las", right, 20))
+    ]
+    options = {"method": method, "resolution": 1.0, "chunk_points": 7_001}
+    expected = grid_clouds([whole], tmp_path / "whole.tif", **options)
+    if buffers == "buffered" and method in ("mean", "idw"):
+        shared = int((left & right).sum())
+        with pytest.warns(UserWarning, match=f"^{shared:,} points that several of the clouds hold are counted once"):
+            found = grid_clouds(parts, tmp_path / "parts.tif", **options)
+    else:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            found = grid_clouds(parts, tmp_path / "parts.tif", **options)
+    np.testing.assert_array_equal(read(found), read(expected))
+
+
+def test_each_point_is_there_as_often_as_where_it_is_most_often() -> None:
+    random = np.random.default_rng(3)
+    prints, clouds = random.integers(0, 30, 400).astype(np.uint64), random.integers(0, 4, 400).astype(np.uint32)
+    kept = counted_once(prints, clouds)
+    for each in range(30):
+        assert kept[prints == each].sum() == np.bincount(clouds[prints == each]).max()
+    order = random.permutation(400)
+    np.testing.assert_array_equal(
+        np.sort(prints[order][counted_once(prints[order], clouds[order])]), np.sort(prints[kept])
+    )
+
+
+def test_fingerprints_tell_fields_apart() -> None:
+    place, time = np.meshgrid(np.arange(-300, 300), np.linspace(0, 1, 500))
+    prints = fingerprints(place.ravel(), time.ravel())
+    assert len(np.unique(prints)) == prints.size
+    assert not np.isin(fingerprints(place.ravel() + 1000, time.ravel()), prints).any()
