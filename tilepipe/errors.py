@@ -18,3 +18,7 @@ class InputError(ValueError):
 
 class TileError(RuntimeError):
     """A tile of a pass failed; the message names the tile and the cause (exit code 1)."""
+
+
+class WorkerError(RuntimeError):
+    """What was to work on a tile has been lost, or cannot; the message says how."""

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import json
-import signal
 import subprocess
 import sys
-import time
 import tomllib
 from pathlib import Path
 
@@ -263,23 +261,6 @@ def test_an_interruption_is_one_line_and_130(tell, scene, tmp_path, finished):
     assert error == "tilepipe: interrupted; run the same command again to resume\n"
     assert tell(*command)[0] == 0
     assert layer_bytes(out) == layer_bytes(finished)
-
-
-def test_an_interrupted_process_ends_with_one_line(scene, tmp_path):
-    out = tmp_path / "run"
-    command = [sys.executable, "-m", "tilepipe", "streets", scene, "--out", out, "--tile", "9", "--workers", "2"]
-    # long enough for the signal to find it at work
-    command += [*SETTINGS, "--set", "diffusion_steps=600", "--quiet"]
-    # whoever runs the tests in the background has told their processes to ignore interruptions
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
-    signal.signal(signal.SIGINT, before)
-    while not (out / STATE / "levels").exists() and process.poll() is None:
-        time.sleep(0.02)
-    process.send_signal(signal.SIGINT)
-    error = process.communicate()[1]
-    assert process.returncode == 130
-    assert error == "tilepipe: interrupted; run the same command again to resume\n"
 
 
 def test_state_without_an_identity_is_nobodys(tell, monkeypatch, scene, tmp_path, finished):

@@ -8,7 +8,9 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 
+from tilepipe.engine.tiles.workers.parent import ChildStarter, end_with_parent
 from tilepipe_kernels.core.cache import listening
 
 
@@ -27,19 +29,38 @@ def compiled_beside(warm_up: str) -> Iterator[None]:
     begun: list[subprocess.Popen[bytes]] = []
     lock = threading.Lock()
     module, _, function = warm_up.partition(":")
+    call = f"from {module} import {function}; {function}()"
+    with ChildStarter() as children, _lifeline() as lifeline:
 
-    def begin() -> None:
-        with lock:
-            if not begun:
-                command = [sys.executable, "-P", "-c", f"from {module} import {function}; {function}()"]
-                quiet = subprocess.DEVNULL
-                begun.append(subprocess.Popen(command, stdin=quiet, stdout=quiet, stderr=quiet))
+        def begin() -> None:
+            with lock:
+                if not begun:
+                    begun.append(children.start(partial(_start, call, lifeline)))
 
+        try:
+            with listening(begin):
+                yield
+        finally:
+            for process in begun:
+                # what it has finished lies on disk
+                process.terminate()
+                process.wait()
+
+
+@contextmanager
+def _lifeline() -> Iterator[int]:
+    """Reading end of a pipe that ends with this process."""
+    reading, writing = os.pipe()
     try:
-        with listening(begin):
-            yield
+        yield reading
     finally:
-        for process in begun:
-            # what it has finished lies on disk
-            process.terminate()
-            process.wait()
+        os.close(writing)
+        os.close(reading)
+
+
+def _start(call: str, lifeline: int) -> subprocess.Popen[bytes]:
+    first = f"from {end_with_parent.__module__} import end_with_parent; end_with_parent({os.getpid()}, 0)"
+    quiet = subprocess.DEVNULL
+    return subprocess.Popen(
+        [sys.executable, "-P", "-c", f"{first}; {call}"], stdin=lifeline, stdout=quiet, stderr=quiet
+    )

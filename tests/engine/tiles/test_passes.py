@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import signal
 import threading
 from dataclasses import dataclass
 from pathlib import Path
@@ -94,18 +92,6 @@ def test_failed_tiles_are_named_and_the_others_kept(context, tmp_path):
         (tmp_path / "worked").unlink()
         run_pass(doubling(context), tmp_path, executor, Silent())
     assert worked(context) == [3, 5]
-
-
-def die(_: int) -> int:
-    os.kill(os.getpid(), signal.SIGKILL)
-    return 0
-
-
-def test_a_dying_worker_process_fails_its_tiles_and_no_more():
-    with open_executor("processes", 1) as executor:
-        outcomes = list(executor.run(die, [1, 2, 3, 4]))
-    assert sorted(item for item, _, _ in outcomes) == [1, 2, 3, 4]
-    assert all(error is not None for _, _, error in outcomes)
 
 
 def compile_something(_: int) -> None:

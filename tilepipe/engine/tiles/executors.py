@@ -7,20 +7,14 @@ items per worker are in flight, so that memory does not grow with the number of 
 from __future__ import annotations
 
 import concurrent.futures
-import multiprocessing
-import threading
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
-from multiprocessing.connection import Connection
-from typing import Protocol, TypeVar
+from contextlib import contextmanager
+from typing import Any, Protocol
 
-from tilepipe.engine.tiles.allocator import keep_freed_memory
+from tilepipe.engine.tiles.workers.attempts import Item, Outcome, Result
+from tilepipe.engine.tiles.workers.cluster import open_cluster
+from tilepipe.engine.tiles.workers.processes import ProcessExecutor
 from tilepipe.errors import InputError
-from tilepipe_kernels.core.cache import listen, tell_compiling
-
-Item = TypeVar("Item")
-Result = TypeVar("Result")
-Outcome = tuple[Item, Result | None, BaseException | None]
 
 
 class Executor(Protocol):
@@ -59,8 +53,8 @@ class SerialExecutor:
                 yield item, None, error
 
 
-class PoolExecutor:
-    """Runs on an executor of ``concurrent.futures``: threads, processes, or the workers of a cluster."""
+class ThreadExecutor:
+    """Runs in threads of this process."""
 
     def __init__(self, pool: concurrent.futures.Executor, workers: int) -> None:
         self.pool = pool
@@ -70,29 +64,16 @@ class PoolExecutor:
         """See `Executor.run`; an abandoned iterator cancels what has not started."""
         waiting = iter(items)
         running: dict[concurrent.futures.Future[Result], Item] = {}
-        broken: BaseException | None = None
         try:
             while True:
                 while len(running) < 2 * self.workers and (item := next(waiting, None)) is not None:
-                    try:
-                        if broken is not None:
-                            raise broken
-                        running[self.pool.submit(function, item)] = item
-                    except concurrent.futures.BrokenExecutor as error:
-                        broken = error
-                        yield item, None, error
+                    running[self.pool.submit(function, item)] = item
                 if not running:
                     return
                 done, _ = concurrent.futures.wait(running, return_when=concurrent.futures.FIRST_COMPLETED)
                 for future in done:
-                    item = running.pop(future)
-                    # nobody here cancels a future that is waited for: a client does when it has lost its scheduler
-                    if future.cancelled():
-                        broken = concurrent.futures.BrokenExecutor("the connection to the scheduler is lost")
-                        yield item, None, broken
-                    else:
-                        failure = future.exception()
-                        yield item, None if failure else future.result(), failure
+                    item, failure = running.pop(future), future.exception()
+                    yield item, None if failure else future.result(), failure
         finally:
             for future in running:
                 future.cancel()
@@ -128,50 +109,14 @@ def open_executor(kind: str, workers: int) -> Iterator[Executor]:
     elif kind == "threads":
         pool = concurrent.futures.ThreadPoolExecutor(workers, thread_name_prefix="tile")
         try:
-            yield PoolExecutor(pool, workers)
+            yield ThreadExecutor(pool, workers)
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
     elif kind == "processes":
-        yield from _open_processes(workers)
+        with ProcessExecutor[Any](workers) as processes:
+            yield processes
     elif "://" in kind:
-        yield from _open_cluster(kind)
+        with open_cluster(kind) as cluster:
+            yield cluster
     else:
         raise InputError(f"executor '{kind}' is unknown: use threads, processes or the address tcp://host:port")
-
-
-def _open_processes(workers: int) -> Iterator[Executor]:
-    context = multiprocessing.get_context("spawn")
-    receiver, sender = context.Pipe(duplex=False)
-    threading.Thread(target=_pass_on, args=(receiver,), daemon=True).start()
-    # closed here and in all workers, the pipe ends the thread
-    with sender, concurrent.futures.ProcessPoolExecutor(workers, context, _start_worker, (sender,)) as processes:
-        yield PoolExecutor(processes, workers)
-
-
-def _start_worker(compiling: Connection) -> None:
-    def tell() -> None:
-        with suppress(OSError):
-            compiling.send_bytes(b"compiling")
-
-    keep_freed_memory()
-    listen(tell)
-
-
-def _pass_on(compiling: Connection) -> None:
-    """Tell here what workers compile."""
-    with compiling, suppress(EOFError):
-        while True:
-            compiling.recv_bytes()
-            tell_compiling()
-
-
-def _open_cluster(address: str) -> Iterator[Executor]:
-    from distributed import Client
-
-    try:
-        client = Client(address, timeout="10s")
-    except OSError as error:
-        raise InputError(f"no dask scheduler answers at {address}: start one or check the address") from error
-    with client:
-        # equal arguments may stand for files that have changed: nothing is taken from the cluster's memory
-        yield PoolExecutor(client.get_executor(pure=False), max(1, sum(client.nthreads().values())))

@@ -17,7 +17,7 @@ from tilepipe.engine.tiles.device import on_device
 from tilepipe.engine.tiles.executors import Executor
 from tilepipe.engine.tiles.ledger import Ledger
 from tilepipe.engine.tiles.state import StateArray, is_whole
-from tilepipe.errors import InputError, TileError
+from tilepipe.errors import InputError, TileError, WorkerError
 from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import Tile, TileGrid
 from tilepipe_kernels.core.arrays import Backend, to_host
@@ -121,7 +121,7 @@ def _tile_error(name: str, failures: Sequence[tuple[Tile, BaseException]], total
     tile, error = failures[0]
     window = tile.core
     reason = (str(error).splitlines() or [""])[0]
-    if not isinstance(error, InputError):
+    if not isinstance(error, InputError | WorkerError):
         reason = f"{type(error).__name__}: {reason}" if reason else type(error).__name__
     more = f" and {len(failures) - 1} more tiles" if len(failures) > 1 else ""
     place = f"rows {window.top}:{window.bottom}, columns {window.left}:{window.right}"
