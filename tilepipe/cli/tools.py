@@ -121,6 +121,9 @@ def evaluate(
             "--road-surface", help="Edges: the truth is polygons of road; also score the borders and widths of streets."
         ),
     ] = False,
+    layer: Annotated[str | None, typer.Option(help="Layer of the truth, in a file of several.")] = None,
+    result_layer: Annotated[str | None, typer.Option(help="Layer of the result, in a file of several.")] = None,
+    area_layer: Annotated[str | None, typer.Option(help="Layer of the area, in a file of several.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Machine-readable output.")] = False,
 ) -> None:
     """Score lines (Heipke et al. 1997), polygons (Rutzinger et al. 2009), or edges, against lines or polygons.
@@ -135,8 +138,10 @@ def evaluate(
     from tilepipe.evaluate.results import read_result
     from tilepipe.io.tables import are_polygons, read_layer
 
-    extracted, true = layers = read_result(result), read_layer(truth, "truth")
-    inside = scored_area(result, area)
+    extracted, true = layers = read_result(result, result_layer), read_layer(truth, "truth", layer)
+    if area is None and area_layer is not None:
+        raise InputError("--area-layer names a layer of --area; give that too, or leave it out")
+    inside = scored_area(result, area, area_layer)
     kind = _kind(*layers, as_edges=tolerance is not None)
     of_polygons = {"overlap": overlap, "minimum_area": minimum_area, "step": step}
     numbers = {"buffer": buffer, "tolerance": tolerance, "direction": direction, **of_polygons}

@@ -254,7 +254,7 @@ def evaluate_edges(
     true = read_layer(truth, "truth").of(POLYGONS if road_surface else LINES + POLYGONS)
     if dissolve and not true.types & set(POLYGONS):
         raise InputError(f"--dissolve is for polygons and the {true.name} holds none; leave it out")
-    geometry = in_metres(true.table.to_crs(crs).geometry.to_numpy(), metres)
+    geometry = in_metres(true.reprojected(crs), metres)
     within = scored_area(result, area_path)
     area = None if within is None else area_in_metres(within, crs, metres)
     lines = extracted.in_metres()

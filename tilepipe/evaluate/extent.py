@@ -21,7 +21,9 @@ _MOST_CELLS = 2048
 
 
 def scored_area(
-    result: str | os.PathLike[str] | VectorLayer, area: str | os.PathLike[str] | VectorLayer | None
+    result: str | os.PathLike[str] | VectorLayer,
+    area: str | os.PathLike[str] | VectorLayer | None,
+    layer: str | None = None,
 ) -> VectorLayer | None:
     """Layer of the polygons to score in: those given, else the extent of the data of the result's run, if any.
 
@@ -31,9 +33,11 @@ def scored_area(
         As given to `tilepipe.evaluate.lines`; a layer already read has no run.
     area
         A vector file of polygons, or a layer already read.
+    layer
+        Name of the layer of a file of several.
     """
     if area is not None:
-        return read_layer(area, "area")
+        return read_layer(area, "area", layer)
     return None if isinstance(result, VectorLayer) else data_extent(Path(result))
 
 
@@ -57,7 +61,7 @@ def area_in_metres(area: VectorLayer, crs: Any, metres: float) -> BaseGeometry:
     """
     import shapely
 
-    polygons = area.of(POLYGONS).table.to_crs(crs).geometry.to_numpy()
+    polygons = area.of(POLYGONS).reprojected(crs)
     union: BaseGeometry = shapely.union_all(in_metres(shapely.make_valid(polygons), metres))
     return union
 

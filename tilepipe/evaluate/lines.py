@@ -241,12 +241,11 @@ def evaluate(
     """
     extracted, true = read_result(result).of(LINES), read_layer(truth, "truth").of(LINES)
     metres = extracted.metres_per_unit
-    table = true.table.to_crs(extracted.table.crs)
     within = scored_area(result, area_path)
     area = None if within is None else area_in_metres(within, extracted.table.crs, metres)
     score = evaluate_lines(
         extracted.in_metres(),
-        in_metres(table.geometry.to_numpy(), metres),
+        in_metres(true.reprojected(extracted.table.crs), metres),
         buffer=buffer_m,
         area=area,
         direction_tolerance=direction_tolerance,

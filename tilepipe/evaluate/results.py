@@ -6,21 +6,25 @@ import os
 from pathlib import Path
 
 from tilepipe.errors import InputError
-from tilepipe.io.tables import VectorLayer, read_layer, run_table
+from tilepipe.io.tables import VectorLayer, is_folder, read_layer, run_table
 from tilepipe.pipelines import registry
 
 
-def read_result(source: str | os.PathLike[str] | VectorLayer) -> VectorLayer:
+def read_result(source: str | os.PathLike[str] | VectorLayer, layer: str | None = None) -> VectorLayer:
     """Read an extracted layer: a vector file, or the layer of a run's folder that can be scored.
+
+    ``layer`` names the layer of a file of several.
 
     Raises
     ------
     InputError
         See `tilepipe.io.tables.read_layer`; a folder holds no such layer.
     """
-    if isinstance(source, VectorLayer) or not Path(source).is_dir():
-        return read_layer(source, "result")
-    names = [layer.name for pipeline in registry.pipelines_of(Path(source)) for layer in pipeline.scored]
+    if isinstance(source, VectorLayer) or not is_folder(Path(source)):
+        return read_layer(source, "result", layer)
+    if layer is not None:
+        raise InputError(f"{os.fspath(source)} is a folder: leave --result-layer out, or name a file in it")
+    names = [item.name for pipeline in registry.pipelines_of(Path(source)) for item in pipeline.scored]
     found = (run_table(Path(source), name) for name in names)
     table = next((path for path in found if path is not None), None)
     if table is None:

@@ -11,9 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tilepipe.errors import InputError
+from tilepipe.io.vector_files import read_vector_file
 
 if TYPE_CHECKING:
     from geopandas import GeoDataFrame
+
+LAYER_OPTIONS = {"truth": "--layer", "result": "--result-layer", "area": "--area-layer"}
+"""Options that name the layer of a file of several, by the role of the file."""
 
 LINES = ("LineString", "MultiLineString")
 POLYGONS = ("Polygon", "MultiPolygon")
@@ -28,8 +32,9 @@ class VectorLayer:
 
     @property
     def types(self) -> set[str]:
-        """Types of its geometries; none for an empty layer."""
-        return set(self.table.geom_type.dropna())
+        """Types of its geometries that are not empty; none for an empty layer."""
+        geometry = self.table.geometry
+        return set(geometry.geom_type[~(geometry.isna() | geometry.is_empty)])
 
     @property
     def metres_per_unit(self) -> float:
@@ -48,18 +53,46 @@ class VectorLayer:
             raise InputError(f"the {self.name} holds {', '.join(sorted(self.types))}; give {' or '.join(types)}")
         return self
 
+    def reprojected(self, crs: Any) -> NDArray[np.object_]:
+        """Geometries in another CRS.
+
+        Raises
+        ------
+        InputError
+            Some lie where the CRS has no coordinates.
+        """
+        import shapely
+        from pyproj import CRS
+
+        geometry: NDArray[np.object_] = self.table.to_crs(crs).geometry.to_numpy()
+        if not np.isfinite(shapely.get_coordinates(geometry)).all():
+            raise InputError(
+                f"the {self.name} lies, wholly or in part, where {CRS.from_user_input(crs).name} has no coordinates; "
+                f"check its CRS ({self.table.crs.name}), or cut it to the place"
+            )
+        return geometry
+
     def in_metres(self) -> NDArray[np.object_]:
         """Geometries with coordinates in metres; see `in_metres`."""
         return in_metres(self.table.geometry.to_numpy(), self.metres_per_unit)
 
 
-def read_layer(source: str | os.PathLike[str] | VectorLayer, role: str) -> VectorLayer:
-    """Read a vector file (GeoParquet or anything GDAL reads); `role` is what messages call it.
+def read_layer(source: str | os.PathLike[str] | VectorLayer, role: str, layer: str | None = None) -> VectorLayer:
+    """Read a vector file (GeoParquet or anything GDAL reads).
+
+    Parameters
+    ----------
+    source
+        The file, or a layer already read.
+    role
+        What messages call it: ``truth``, ``result`` or ``area``.
+    layer
+        Name of the layer in a file of several; None for the only one with geometry.
 
     Raises
     ------
     InputError
-        The file is missing or unreadable, or names no CRS.
+        The file is missing or unreadable, names no CRS, or holds several layers and none is named.
 
     Examples
     --------
@@ -71,27 +104,22 @@ def read_layer(source: str | os.PathLike[str] | VectorLayer, role: str) -> Vecto
     >>> [round(each.length, 3) for each in layer.in_metres()]  # five US survey feet
     [1.524]
     """
-    import geopandas
-
     if isinstance(source, VectorLayer):
         return source
     path, name = Path(source), f"{role} {os.fspath(source)}"
-    if path.is_dir() and path.suffix != ".gdb":
+    if is_folder(path):
         raise InputError(f"the {name} is a folder; name a file in it")
     if not path.exists():
         raise InputError(f"the {name} does not exist; correct the path")
-    try:
-        table = geopandas.read_parquet(path) if path.suffix == ".parquet" else geopandas.read_file(path)
-    except Exception as error:
-        raise InputError(
-            f"the {name} cannot be read as lines or polygons; give a layer of a run, or another "
-            "GeoParquet, GeoPackage, FlatGeobuf or GeoJSON file"
-        ) from error
-    if not isinstance(table, geopandas.GeoDataFrame):
-        raise InputError(f"the {name} holds no geometry; give a layer of {' or '.join(LINES + POLYGONS)}")
+    table = read_vector_file(path, f"the {name}", layer, LAYER_OPTIONS.get(role, "--layer"))
     if table.crs is None:
-        raise InputError(f"the {name} names no CRS; write it into the file")
+        raise InputError(f"the {name} names no CRS; write it into the file (ogr2ogr -a_srs EPSG:n)")
     return VectorLayer(name, table)
+
+
+def is_folder(path: Path) -> bool:
+    """Whether a path is a folder of files, not one dataset as a file geodatabase is."""
+    return path.is_dir() and path.suffix.lower() != ".gdb"
 
 
 def read_vectors(path: Path, role: str, types: tuple[str, ...] = LINES) -> GeoDataFrame:
