@@ -30,6 +30,7 @@ from tilepipe.cli.options import (
     Workers,
 )
 from tilepipe.cli.records import run_record
+from tilepipe.engine.inputs import Input
 from tilepipe.errors import InputError
 from tilepipe.pipelines import registry
 
@@ -70,23 +71,27 @@ def _pipeline_command(name: str) -> Any:
     """Command of a pipeline: rasters, options for its further inputs, and the options that all pipelines share."""
     summary, inputs = registry.face(name)
     _, _, rasters, out, *shared = inspect.signature(_carry_out, eval_str=True).parameters.values()
-    own = [_input_option(item.option, item.meaning) for item in inputs]
+    own = [option for item in inputs for option in _input_options(item)]
     parameters = [item.replace(kind=inspect.Parameter.KEYWORD_ONLY) for item in (rasters, out, *own, *shared)]
 
     def command(**values: Any) -> None:
-        further = {item.name: values.pop(item.option) or [] for item in inputs}
-        _carry_out(name, further, **values)
+        further = {item.name: [str(path) for path in values.pop(item.option) or []] for item in inputs}
+        bands = _given({item.band_option: values.pop(item.band_option) for item in inputs})
+        _carry_out(name, further | bands, **values)
 
     return _command(command, name, summary, parameters)
 
 
-def _input_option(name: str, meaning: str) -> inspect.Parameter:
-    return inspect.Parameter(
-        name,
-        inspect.Parameter.KEYWORD_ONLY,
-        default=None,
-        annotation=Annotated[list[Path] | None, typer.Option(help=meaning)],
-    )
+def _input_options(item: Input) -> list[inspect.Parameter]:
+    """The option of an input, and that of its band."""
+    band = f"Band of --{item.option.replace('_', '-')} to use (from 1), where it has several."
+    return [
+        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=annotation)
+        for name, annotation in (
+            (item.option, Annotated[list[Path] | None, typer.Option(help=item.meaning)]),
+            (item.band_option, Annotated[int | None, typer.Option(help=band)]),
+        )
+    ]
 
 
 def _command(
@@ -102,7 +107,7 @@ def _command(
 
 def _carry_out(
     name: str,
-    further: dict[str, list[Path]],
+    further: dict[str, Any],
     rasters: Rasters,
     out: RunFolder = None,
     tile: Tile = 2048,
@@ -120,7 +125,6 @@ def _carry_out(
     plan: PlanOnly = False,
 ) -> None:
     """Carry out a pipeline as its command line says; the options here are those of every pipeline."""
-    inputs: dict[str, Any] = {key: [str(path) for path in paths] for key, paths in further.items()}
     options = {
         "tile": tile,
         "workers": workers,
@@ -133,7 +137,7 @@ def _carry_out(
     record = {
         "command": name,
         "out": str(out) if out else "",
-        "inputs": {"rasters": [str(path) for path in rasters], **inputs, **_given({"crs": crs, "band": band})},
+        "inputs": {"rasters": [str(path) for path in rasters], **further, **_given({"crs": crs, "band": band})},
         "options": _given(options),
         "parameters": assignments(set_ or []),
     }

@@ -57,7 +57,7 @@ def run_record(record: dict[str, Any], *, overwrite: bool, quiet: bool, plan_onl
 
 def _arguments(pipeline: Pipeline, inputs: dict[str, Any]) -> dict[str, Any]:
     """Arguments of a run for the inputs of a record, but for its rasters."""
-    further = [item.name for item in pipeline.inputs]
+    further = [name for item in pipeline.inputs for name in (item.name, item.band_option)]
     known = ("rasters", *further, "crs", "band")
     name = pipeline.name
     if unknown := sorted(set(inputs) - set(known)):

@@ -184,7 +184,7 @@ class Pipeline:
             ("pass", [item.name for item in self.passes]),
             ("state", [name for item in self.passes for name in item.writes]),
             ("layer", [layer.name for layer in self.layers]),
-            ("input", [name for item in self.inputs for name in {item.name, item.option}]),
+            ("input", [name for item in self.inputs for name in {item.name, item.option, item.band_option}]),
         ):
             if twice := [name for name, count in Counter(names).items() if count > 1]:
                 raise ValueError(f"pipeline '{self.name}' declares the {kind} '{twice[0]}' twice")

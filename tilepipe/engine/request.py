@@ -15,13 +15,15 @@ from numpy.typing import NDArray
 from pydantic import BaseModel
 
 from tilepipe import __version__
+from tilepipe.engine.inputs import Given, as_list, given_inputs
 from tilepipe.engine.options import RunOptions
 from tilepipe.engine.parameters import checked_parameters
 from tilepipe.engine.pipeline import Pipeline, Setting
 from tilepipe.engine.planning import Plan, plan_run
 from tilepipe.engine.run import Record, absolute_name
 from tilepipe.errors import InputError
-from tilepipe.io.raster import Raster, check_aligned, open_raster
+from tilepipe.io.bands import Choice
+from tilepipe.io.raster import Raster, check_aligned, open_bands, open_raster
 from tilepipe.tiling.grid import TileGrid, Window
 from tilepipe_kernels.core.arrays import Backend
 
@@ -68,12 +70,12 @@ class Opened:
     source: Any = None
 
 
-OpenInputs = Callable[[list[Any], Mapping[str, Any], Any, str | None, int | None], Opened]
+OpenInputs = Callable[[list[Any], Mapping[str, Given], Any, str | None, int | None], Opened]
 """Opens ``(rasters, further inputs, parameters, crs, band)``."""
 
 
 def open_mosaic(
-    rasters: list[Any], inputs: Mapping[str, Any], parameters: Any, crs: str | None, band: int | None
+    rasters: list[Any], inputs: Mapping[str, Given], parameters: Any, crs: str | None, band: int | None
 ) -> Opened:
     """Open the main rasters as one mosaic, and each further input aligned to it.
 
@@ -85,18 +87,14 @@ def open_mosaic(
     raster = open_raster(rasters, crs=crs, band=band)
     further: dict[str, AlignedRaster] = {}
     for name, given in inputs.items():
-        other = open_raster(as_list(given), crs=crs)
+        chosen = None if given.band is None else (given.band,)
+        other = open_bands(given.rasters, Choice(chosen, option=given.declared.band_option), crs=crs)
         role = f"{name.removesuffix('s')} raster"
         window = check_aligned(other, raster, role)
         if window.intersection(Window(0, 0, *raster.shape)).is_empty:
             raise InputError(f"{other.names[0]}: the {role} does not overlap {raster.names[0]}")
         further[name] = AlignedRaster(other, window)
     return Opened(raster, further)
-
-
-def as_list(items: Any) -> list[Any]:
-    """One or many inputs as a list."""
-    return list(items) if isinstance(items, (list, tuple)) else [items]
 
 
 def checked_request(
@@ -111,9 +109,10 @@ def checked_request(
     """Open and check everything before any work; arguments and errors as for `plan_pipeline`."""
     kind = pipeline.parameters
     parameters = params if isinstance(params, kind) else checked_parameters(kind, dict(params or {}))
-    given = {name: value for name, value in inputs.items() if value is not None and as_list(value)}
+    given = given_inputs(pipeline.inputs, inputs)
     opened = (pipeline.open_inputs or open_mosaic)(as_list(rasters), given, parameters, crs, band)
-    request = Request(pipeline, opened, parameters, options or RunOptions(), crs, band)
+    bands = {item.declared.band_option: item.band for item in given.values() if item.band is not None}
+    request = Request(pipeline, opened, parameters, options or RunOptions(), crs, band, bands)
     if pipeline.check:
         pipeline.check(request.setting)
     try:
@@ -156,6 +155,8 @@ class Request:
         How to run.
     crs, band
         As asked for.
+    bands
+        Of further inputs, as asked for, by the names of the options.
     """
 
     pipeline: Pipeline
@@ -164,6 +165,7 @@ class Request:
     options: RunOptions
     crs: str | None
     band: int | None
+    bands: Mapping[str, int] = field(default_factory=dict)
 
     @cached_property
     def setting(self) -> Setting:
@@ -208,7 +210,9 @@ class Request:
                 "command": self.pipeline.name,
                 "version": __version__,
                 "sources": [f"{absolute_name(source.name)} {source.stamp}" for source in sources],
-                "raster": asdict(self.opened.raster.geometry) | {"tile": list(self.grid.tile_shape), "band": self.band},
+                "raster": asdict(self.opened.raster.geometry)
+                | {"tile": list(self.grid.tile_shape), "band": self.band}
+                | dict(self.bands),
                 "parameters": self.parameters.model_dump(),
             }
             | ({"seed": self.options.seed} if self.pipeline.seeded else {})
@@ -228,7 +232,7 @@ class Request:
             "command": self.pipeline.name,
             "version": __version__,
             "out": str(Path(out).absolute()),
-            "inputs": inputs | {"crs": self.crs, "band": self.band},
+            "inputs": inputs | {"crs": self.crs, "band": self.band} | dict(self.bands),
             "raster": asdict(raster.geometry) | {"tile": list(self.grid.tile_shape)} | dict(self.opened.found),
             "options": options,
             "parameters": self.parameters.model_dump(),
@@ -267,7 +271,8 @@ def plan_pipeline(
     rasters
         One or many paths (GeoTIFF, COG, VRT, Zarr) or xarray arrays, one mosaic.
     inputs
-        Further rasters by the names that the pipeline declares; None where there are none.
+        Further rasters by the names that the pipeline declares, None where there are none; and which of their bands
+        to use, by the name of the option, such as ``height_band``.
     params
         Parameters of the method.
     crs

@@ -62,10 +62,13 @@ class Choice:
     colours
         They are red, green and blue: an input that says which of its bands these are, or holds a palette, has them
         from there instead.
+    option
+        Name of the option by which one of several can be chosen, for messages.
     """
 
     numbers: tuple[int, ...] | None = None
     colours: bool = False
+    option: str = "band"
 
     def of(self, bands: Bands, name: str) -> tuple[int, ...]:
         """Numbers of the bands to read of one input, called ``name``; of a palette, the band of its indices.
@@ -92,7 +95,8 @@ class Choice:
         if numbers is None and not bands.image:
             raise InputError(f"{name}: has no band but alpha, which is no image; give one of intensities or heights")
         if numbers is None and len(bands.image) > 1:
-            raise InputError(f"{name}: has {len(bands.image)} bands; choose one with --band n (band=n)")
+            option = f"--{self.option.replace('_', '-')} n ({self.option}=n)"
+            raise InputError(f"{name}: has {len(bands.image)} bands; choose one with {option}")
         numbers = numbers or bands.image
         count = len(bands.image) + (bands.alpha is not None)
         for number in numbers:

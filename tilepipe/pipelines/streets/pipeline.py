@@ -46,6 +46,7 @@ def streets(
     out: str | Path,
     *,
     height: Sequence[Any] | None = None,
+    height_band: int | None = None,
     params: StreetParameters | Mapping[str, Any] | None = None,
     crs: str | None = None,
     band: int | None = None,
@@ -62,6 +63,8 @@ def streets(
         Folder of the run; receives ``streets.tif``, ``centerlines.parquet``, ``skeleton.parquet`` and ``run.toml``.
     height
         Height raster (DSM) on the same pixel grid, to leave out trees and roofs.
+    height_band
+        Band to use where the height raster has several.
     params
         Parameters of the method.
     crs
@@ -103,7 +106,7 @@ def streets(
         PIPELINE,
         rasters,
         out,
-        inputs={"heights": height},
+        inputs={"heights": height, "height_band": height_band},
         params=params,
         crs=crs,
         band=band,
@@ -116,6 +119,7 @@ def plan_streets(
     rasters: Sequence[Any] | Any,
     *,
     height: Sequence[Any] | None = None,
+    height_band: int | None = None,
     params: StreetParameters | Mapping[str, Any] | None = None,
     crs: str | None = None,
     band: int | None = None,
@@ -135,5 +139,11 @@ def plan_streets(
     (12, 0.5, True)
     """
     return plan_pipeline(
-        PIPELINE, rasters, inputs={"heights": height}, params=params, crs=crs, band=band, options=options
+        PIPELINE,
+        rasters,
+        inputs={"heights": height, "height_band": height_band},
+        params=params,
+        crs=crs,
+        band=band,
+        options=options,
     )
