@@ -10,9 +10,9 @@ from unittest.mock import patch
 import pytest
 
 from tilepipe.engine.options import RunOptions
-from tilepipe.engine.run import RECORD, STATE, TIMINGS
 from tilepipe.engine.tiles import passes
 from tilepipe.errors import TileError
+from tilepipe.io.record import RECORD, STATE, TIMINGS
 from tilepipe.tiling.grid import Tile
 
 Run = Callable[[Path, RunOptions], object]

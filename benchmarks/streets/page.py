@@ -13,8 +13,8 @@ from benchmarks.measure.commands import Runs, repeated, repeated_rival, scratch_
 from benchmarks.measure.machine import describe_machine, load_average
 from benchmarks.measure.tables import RESULTS, Table, number, save
 from benchmarks.measure.watch import time_to_first_file, watch
-from tilepipe.engine.run import STATE
 from tilepipe.evaluate.lines import LineScore, evaluate
+from tilepipe.io.record import STATE
 from tilepipe.synthetic import City, write_city
 
 SIZE, QUICK_SIZE = 4096, 1024
@@ -128,7 +128,7 @@ def _command(raster: Path, out: Path, steps: int) -> list[str]:
 
 def _first_tile(command: Sequence[str], run: Path) -> float:
     shutil.rmtree(run, ignore_errors=True)
-    return time_to_first_file(command, run / STATE / "levels", "[!.]*.facts")
+    return time_to_first_file(command, run / STATE, "*/levels/[!.]*.facts")
 
 
 def _pipeline(command: Sequence[str], run: Path, truth: Path, size: int, repetitions: int) -> Outcome:

@@ -14,7 +14,7 @@ import pytest
 
 from tests.scenes import SMALL, band, draw, write_raster
 from tilepipe.cli.signals import interruptible
-from tilepipe.engine.run import STATE
+from tilepipe.io.record import STATE
 
 pytestmark = pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="signals of POSIX")
 
@@ -35,7 +35,7 @@ def program(out: Path, *arguments: object, before: str = "pass") -> subprocess.P
     process = subprocess.Popen(
         [sys.executable, "-c", start, *map(str, command)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
-    while not (out / STATE / "levels").exists() and process.poll() is None:
+    while not any(out.glob(f"{STATE}/*/levels")) and process.poll() is None:
         time.sleep(0.02)
     return process
 
@@ -52,7 +52,7 @@ def test_a_run_ends_with_one_line_and_can_be_resumed(number, tmp_path):
 @pytest.mark.slow
 def test_a_run_of_processes_ends_with_one_line_though_the_signal_reaches_all(tmp_path):
     process = program(tmp_path / "run", "--executor", "processes", before="import os; os.setsid()")
-    while not any((tmp_path / "run" / STATE / "levels").glob("*.facts")) and process.poll() is None:
+    while not any((tmp_path / "run" / STATE).glob("*/levels/*.facts")) and process.poll() is None:
         time.sleep(0.02)
     os.killpg(process.pid, signal.SIGINT)
     assert process.communicate(timeout=60) == ("", RESUME)

@@ -100,7 +100,8 @@ def _failure(error: Exception) -> int:
         message, code = f"{error.filename or 'a file'}: {error.strerror or error}", BAD_INPUT
     else:
         raise error
-    _tell(f"error: {message}")
+    # a name in it may hold line breaks
+    _tell(f"error: {' '.join(message.splitlines())}")
     return code
 
 

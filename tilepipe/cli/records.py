@@ -16,10 +16,6 @@ if TYPE_CHECKING:
     from tilepipe.engine.options import RunOptions
     from tilepipe.engine.pipeline import Pipeline
 
-_TABLES = {"inputs", "raster", "options", "parameters"}
-_KNOWN = {"command", "version", "out"} | _TABLES
-"""Names and tables of a record."""
-
 
 def run_record(record: dict[str, Any], *, overwrite: bool, quiet: bool, plan_only: bool = False) -> None:
     """Plan or run a pipeline as a record says.
@@ -32,11 +28,10 @@ def run_record(record: dict[str, Any], *, overwrite: bool, quiet: bool, plan_onl
     from tilepipe.cli.bars import progress_bars
     from tilepipe.engine.request import plan_pipeline
     from tilepipe.engine.work import run_pipeline
+    from tilepipe.io.record import check_record
 
+    check_record(record, "the record")
     pipeline = registry.pipeline(record["command"])
-    for name in _TABLES:
-        if not isinstance(record.get(name, {}), dict):
-            raise InputError(f"the record's '{name}' is no table: write [{name}]")
     inputs = record.get("inputs", {})
     arguments = _arguments(pipeline, inputs) | {
         "params": record.get("parameters", {}),
@@ -90,15 +85,20 @@ def load_record(path: Path, out: Path | None) -> dict[str, Any]:
     InputError
         The file is no record.
     """
-    from tilepipe.io.record import read_record
+    from tilepipe.io.record import KNOWN, read_record
 
     record = read_record(path)
-    if unknown := sorted(set(record) - _KNOWN):
-        raise InputError(f"{path}: '{unknown[0]}' is unknown; known are {', '.join(sorted(_KNOWN))}")
-    command = record.get("command")
-    if not registry.is_known(str(command)):
-        raise InputError(f"{path}: command '{command}' is unknown; use {' or '.join(registry.names())}")
+    if unknown := sorted(set(record) - set(KNOWN)):
+        raise InputError(f"{path}: '{unknown[0]}' is unknown; known are {', '.join(sorted(KNOWN))}")
+    _check_command(path, record)
     return record | ({"out": str(out)} if out is not None else {})
+
+
+def _check_command(path: Path, record: dict[str, Any]) -> None:
+    command = record.get("command")
+    if command is None or not registry.is_known(command):
+        named = "names no command" if command is None else f"command '{command}' is unknown"
+        raise InputError(f"{path}: {named}; use {' or '.join(registry.names())}")
 
 
 def run(
@@ -118,23 +118,26 @@ def plan(record: Annotated[Path, typer.Argument(help="run.toml of a run, or one 
 
 def status(folder: Annotated[Path, typer.Argument(help="Folder of a run.")]) -> None:
     """Say what a run folder holds and how far an unfinished run is."""
-    from tilepipe.engine.run import STATE, status
+    from tilepipe.engine.run_folder import status
+    from tilepipe.io.record import RECORD, STATE
 
     found = status(folder)
     print(f"{folder}: {found['state']}")
     if found["state"] == "unfinished":
-        for name, total in _tiles_of_passes(found["record"]).items():
+        record = folder / STATE / RECORD
+        for name, total in _tiles_of_passes(record, found["record"]).items():
             print(f"  {name}: {found['passes'].get(name, 0)} of {total} tiles done")
-        print(f"  resume with: tilepipe run {folder / STATE / 'run.toml'}")
+        print(f"  resume with: tilepipe run {record}")
     elif found["state"] == "finished":
         for item in sorted(folder.iterdir()):
             print(f"  {item.name}  {item.stat().st_size:,} bytes")
 
 
-def _tiles_of_passes(record: dict[str, Any]) -> dict[str, int]:
-    """Number of tiles of each pass of a run."""
+def _tiles_of_passes(path: Path, record: dict[str, Any]) -> dict[str, int]:
+    """Number of tiles of each pass of a run, by the record in a file."""
     from tilepipe.engine.request import setting_of_record
 
+    _check_command(path, record)
     pipeline = registry.pipeline(record["command"])
     setting = setting_of_record(pipeline, record)
     return {item.name: len(pipeline.grid(setting)) for item in pipeline.needed_passes(setting)}

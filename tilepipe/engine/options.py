@@ -30,7 +30,10 @@ def parse_memory(text: str) -> int:
     match = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*([KMGT]?)(?:i?B)?\s*", text, re.IGNORECASE)
     if not match:
         raise InputError(f"memory '{text}' is not understood; write for example 8GiB or 500MiB")
-    return int(float(match[1]) * _UNITS[match[2].upper()])
+    try:
+        return int(float(match[1]) * _UNITS[match[2].upper()])
+    except OverflowError:
+        raise InputError(f"memory '{text}' is more than any machine has; write for example 8GiB or 500MiB") from None
 
 
 def format_memory(size: float) -> str:

@@ -20,15 +20,14 @@ from tilepipe.engine.options import RunOptions
 from tilepipe.engine.parameters import checked_parameters
 from tilepipe.engine.pipeline import Pipeline, Setting
 from tilepipe.engine.planning import Plan, plan_run
-from tilepipe.engine.run import Record, absolute_name
+from tilepipe.engine.run import absolute_name
+from tilepipe.engine.run_folder import Record, Uses
 from tilepipe.errors import InputError
 from tilepipe.io.bands import Choice
 from tilepipe.io.raster import Raster, check_aligned, open_bands, open_raster
+from tilepipe.io.sources import files_behind
 from tilepipe.tiling.grid import TileGrid, Window
 from tilepipe_kernels.core.arrays import Backend
-
-PICTURES = ("quicklook.png", "quicklook_detail.png", "quicklook_buildings.png", "report.html")
-"""Files that a report may have added to a run; a new run removes them."""
 
 
 @dataclass(frozen=True)
@@ -126,14 +125,22 @@ def checked_request(
 
 
 def setting_of_record(pipeline: Pipeline, record: Record) -> Setting:
-    """Setting of a run from its record alone."""
-    raster, inputs = record["raster"], record["inputs"]
+    """Setting of a run from its record alone.
+
+    Raises
+    ------
+    InputError
+        When the record lacks something that every record of a run holds.
+    """
+    raster, inputs, options = (record.get(name, {}) for name in ("raster", "inputs", "options"))
+    if missing := [name for name in ("shape", "pixel", "metres") if name not in raster]:
+        raise InputError(f"the record of the run is damaged: its [raster] has no {missing[0]}")
     known = {item.name for item in pipeline.inputs}
     return Setting(
-        parameters=checked_parameters(pipeline.parameters, record["parameters"]),
+        parameters=checked_parameters(pipeline.parameters, record.get("parameters", {})),
         shape=tuple(raster["shape"]),
         resolution=raster["pixel"] * raster["metres"],
-        tile=record["options"]["tile"],
+        tile=RunOptions(tile=options.get("tile", RunOptions.tile)).tile,
         inputs=frozenset(known & set(inputs)),
         found=raster,
     )
@@ -195,9 +202,12 @@ class Request:
         return plan_run(self.pipeline, self.setting, self.options)
 
     @property
-    def all_files(self) -> tuple[str, ...]:
-        """Names of all files that a run of this pipeline may publish, and its report add."""
-        return (*(name for layer in self.pipeline.layers for name in layer.files), *PICTURES)
+    def uses(self) -> Uses:
+        """Files that the run reads, those behind a VRT among them, and names of those that it may publish."""
+        rasters = [self.opened.raster, *(item.raster for item in self.opened.inputs.values())]
+        paths = [path for raster in rasters for name in raster.names if (path := Path(name)).exists()]
+        inputs = (file for path in paths for file in (path, *files_behind(path)))
+        return Uses(tuple(dict.fromkeys(inputs)), tuple(name for item in self.pipeline.layers for name in item.files))
 
     def identity(self) -> Record:
         """Everything that decides the state on disk."""

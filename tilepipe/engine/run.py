@@ -1,4 +1,4 @@
-"""The folder of a run: its record, its state while unfinished, and the publication of its layers.
+"""A run at work: it holds its folder, runs passes with resume, keeps timings and publishes its layers.
 
 ``RUN/.state`` exists exactly while a run is unfinished and holds everything needed to resume it.  Layers are written
 there and renamed into ``RUN`` at the very end, together; then ``RUN/run.toml``, the record, marks the run as finished.
@@ -6,35 +6,29 @@ there and renamed into ``RUN`` at the very end, together; then ``RUN/run.toml``,
 
 from __future__ import annotations
 
-import json
 import os
-import shutil
 import time
-import tomllib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO, Any, TypeVar
+from typing import Any, TypeVar
 
 from tilepipe.engine.options import RunOptions
 from tilepipe.engine.progress import Progress
+from tilepipe.engine.publication import publish
+from tilepipe.engine.run_folder import Record, Uses, begin, check_folder, read_identity, remove_state, sweep_finished
+from tilepipe.engine.run_lock import RunLock, held
 from tilepipe.engine.tiles.executors import Executor, open_executor
 from tilepipe.engine.tiles.ledger import Ledger
 from tilepipe.engine.tiles.passes import BoundPass, run_pass
 from tilepipe.errors import InputError
-from tilepipe.io.atomic import atomic_write_bytes
-from tilepipe.io.record import RECORD, TIMINGS, read_record
+from tilepipe.io.record import STATE
 from tilepipe_kernels.core.cache import listening
-
-STATE = ".state"
-IDENTITY = "identity.toml"
-LOCK = "lock"
 
 _GDAL_CACHE = 64
 """GDAL's cache of decoded blocks in MiB; its own choice grows with the machine and would break the memory plan."""
 
-Record = dict[str, Any]
 Result = TypeVar("Result")
 
 
@@ -44,24 +38,15 @@ def absolute_name(name: str) -> str:
     return str(path.absolute()) if path.exists() else name
 
 
-def write_record(path: Path, record: Mapping[str, Any]) -> None:
-    """Write a record as TOML; values that are None are left out and mean the default."""
-    import tomli_w
-
-    def clean(value: Any) -> Any:
-        if isinstance(value, Mapping):
-            return {key: clean(item) for key, item in value.items() if item is not None}
-        return value
-
-    atomic_write_bytes(path, tomli_w.dumps(clean(record)).encode())
-
-
 class Run:
     """An unfinished run: runs passes with resume, keeps timings, publishes layers."""
 
-    def __init__(self, folder: Path, options: RunOptions, executor: Executor, progress: Progress) -> None:
+    def __init__(
+        self, folder: Path, state: Path, lock: RunLock, options: RunOptions, executor: Executor, progress: Progress
+    ) -> None:
         self.folder = folder
-        self.state = folder / STATE
+        self.state = state
+        self._lock = lock
         self.options = options
         self.executor = executor
         self.progress = progress
@@ -87,34 +72,23 @@ class Run:
         finally:
             self.timings[name] = self.timings.get(name, 0.0) + time.perf_counter() - start
 
-    def publish(self, layers: Sequence[Path], record: Record, keep: tuple[str, ...]) -> None:
-        """Rename finished layers into the run folder, drop the other layers of an earlier run, mark it as finished.
+    def publish(self, layers: Sequence[Path], record: Record) -> None:
+        """Rename finished layers of the state into the run folder and mark the run as finished.
 
-        Parameters
-        ----------
-        layers
-            Finished files in the state folder; they keep their names.
-        record
-            What was run.
-        keep
-            All names that a run of this kind may publish; those not in ``layers`` are removed.
+        Raises
+        ------
+        InputError
+            Another process has taken the folder over, or a file that is in the way is none of tilepipe.
         """
-        (self.folder / RECORD).unlink(missing_ok=True)
-        for name in set(keep) - {layer.name for layer in layers}:
-            (self.folder / name).unlink(missing_ok=True)
-        for layer in layers:
-            os.replace(layer, self.folder / layer.name)
-        timings = {name: round(seconds, 3) for name, seconds in self.timings.items()}
-        atomic_write_bytes(self.folder / TIMINGS, json.dumps(timings, indent=1).encode())
-        write_record(self.folder / RECORD, record)
-        # without its identity a state is nobody's, should this process end before all of it is gone
-        (self.state / RECORD).unlink(missing_ok=True)
-        (self.state / IDENTITY).unlink(missing_ok=True)
-        shutil.rmtree(self.state)
+        if not self._lock.still_held():
+            raise InputError(f"{self.folder}: another process has taken it over; this run is not published")
+        publish(self.folder, self.state, layers, record, self.timings)
 
 
 @contextmanager
-def open_run(folder: Path, record: Record, identity: Record, options: RunOptions, progress: Progress) -> Iterator[Run]:
+def open_run(
+    folder: Path, record: Record, identity: Record, options: RunOptions, progress: Progress, uses: Uses | None = None
+) -> Iterator[Run]:
     """Begin a run in a folder, or resume it.
 
     Parameters
@@ -129,81 +103,68 @@ def open_run(folder: Path, record: Record, identity: Record, options: RunOptions
         How to run.
     progress
         Told about progress.
+    uses
+        What the run reads and publishes.
 
     Raises
     ------
     InputError
         When the folder holds a finished run, an unfinished run of something else, foreign files, or cannot be
-        written; or when another process is at work in it.
+        written; when an input would be replaced; or when another process is at work in it.
     """
-    state = folder / STATE
-    _check_folder(folder, options.overwrite)
+    uses = uses or Uses()
     try:
-        state.mkdir(parents=True, exist_ok=True)
-        with (state / LOCK).open("w") as lock:
-            _lock(lock, folder)
-            began = _begin(folder, record, identity, options.overwrite)
-            try:
-                with (
-                    listening(progress.compiling),
-                    _small_cache(),
-                    open_executor(options.executor, options.workers) as executor,
-                ):
-                    yield Run(folder, options, executor, progress)
-            except InputError:
-                if began and _passes_with_facts(state) <= 1:
-                    _take_back(folder)
-                raise
+        sweep_finished(folder)
+        check_folder(folder, uses, overwrite=options.overwrite)
+        made = [item for item in (folder, *folder.parents) if not item.exists()]
+        folder.mkdir(parents=True, exist_ok=True)
+        try:
+            with held(folder, folder / STATE) as lock:
+                yield from _held_run(folder, record, identity, options, progress, uses, lock)
+        except InputError:
+            # all is as it was before the refusal; what holds something stays
+            with suppress(OSError):
+                for item in made:
+                    item.rmdir()
+            raise
     except OSError as error:
         raise disk_error(error, folder) from error
 
 
-def _check_folder(folder: Path, overwrite: bool) -> None:
-    """Refuse a folder that no run of this kind may touch, before anything is made in it."""
-    if folder.exists() and not folder.is_dir():
-        raise InputError(f"{folder}: is a file; name a folder for the run")
-    if (folder / STATE / IDENTITY).exists():
-        return
-    if (folder / RECORD).exists():
-        if not overwrite:
-            raise InputError(f"{folder}: holds a finished run; use --overwrite to replace it, or another --out")
-    elif folder.exists() and any(item.name != STATE for item in folder.iterdir()):
-        raise InputError(f"{folder}: is not empty and holds no run; name another folder")
+def _held_run(
+    folder: Path,
+    record: Record,
+    identity: Record,
+    options: RunOptions,
+    progress: Progress,
+    uses: Uses,
+    lock: RunLock,
+) -> Iterator[Run]:
+    try:
+        # another process may have finished in between
+        check_folder(folder, uses, overwrite=options.overwrite)
+        state, began = begin(folder, record, identity, overwrite=options.overwrite)
+    except InputError:
+        if read_identity(folder / STATE) is None:
+            remove_state(folder)
+        raise
+    try:
+        with (
+            listening(progress.compiling),
+            _small_cache(),
+            open_executor(options.executor, options.workers) as executor,
+        ):
+            yield Run(folder, state, lock, options, executor, progress)
+    except InputError:
+        if began and _passes_with_facts(state) <= 1:
+            remove_state(folder)
+        raise
 
 
 def _passes_with_facts(state: Path) -> int:
+    if not state.is_dir():
+        return 0
     return sum(1 for item in state.iterdir() if item.is_dir() and any(item.glob("*.facts")))
-
-
-def _take_back(folder: Path) -> None:
-    """Remove a state that was begun in vain, so that the folder is what it was before the refusal."""
-    shutil.rmtree(folder / STATE)
-    if not any(folder.iterdir()):
-        folder.rmdir()
-
-
-def _begin(folder: Path, record: Record, identity: Record, overwrite: bool) -> bool:
-    """Resume the state that has this identity, or begin an empty one (True); the caller holds the lock."""
-    state = folder / STATE
-    known = state / IDENTITY
-    if known.exists():
-        differences = _differences(_plain(identity), read_record(known))
-        if not differences:
-            return False
-        if not overwrite:
-            raise InputError(
-                f"{folder}: holds an unfinished run that differs in {', '.join(differences)}; "
-                f"finish it with 'tilepipe run {state / RECORD}', or start anew with --overwrite"
-            )
-        known.unlink()
-    for item in state.iterdir():
-        if item.is_dir():
-            shutil.rmtree(item)
-        elif item.name != LOCK:
-            item.unlink()
-    write_record(state / RECORD, record)
-    write_record(known, identity)
-    return True
 
 
 @contextmanager
@@ -222,64 +183,7 @@ def _small_cache() -> Iterator[None]:
         del os.environ["GDAL_CACHEMAX"]
 
 
-def _plain(identity: Record) -> Record:
-    """The identity as it reads back from its file."""
-    import tomli_w
-
-    def clean(value: Any) -> Any:
-        return {k: clean(v) for k, v in value.items() if v is not None} if isinstance(value, Mapping) else value
-
-    return tomllib.loads(tomli_w.dumps(clean(identity)))
-
-
-def _differences(a: Record, b: Record, prefix: str = "") -> list[str]:
-    """Dotted names of the entries in which two records differ."""
-    names: list[str] = []
-    for key in sorted(set(a) | set(b)):
-        left, right = a.get(key), b.get(key)
-        if isinstance(left, dict) and isinstance(right, dict):
-            names += _differences(left, right, f"{prefix}{key}.")
-        elif left != right:
-            names.append(prefix + key)
-    return names
-
-
-def _lock(file: IO[str], folder: Path) -> None:
-    try:
-        import fcntl
-    except ImportError:
-        return
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        raise InputError(f"{folder}: another process is at work in it; wait for it or name another folder") from None
-
-
 def disk_error(error: OSError, folder: Path) -> InputError:
     """What to tell the user about a failure to write."""
     reason = error.strerror or str(error)
     return InputError(f"{error.filename or folder}: cannot be written ({reason}); free space or name another folder")
-
-
-def status(folder: Path) -> dict[str, Any]:
-    """What a run folder holds: ``state`` is ``finished``, ``unfinished`` or ``empty``, with the tiles done per pass.
-
-    Raises
-    ------
-    InputError
-        When the folder does not exist.
-    """
-    if not folder.is_dir():
-        raise InputError(f"{folder}: no such folder; name the --out folder of a run")
-    state = folder / STATE
-    if (state / RECORD).exists():
-        record = read_record(state / RECORD)
-        passes = {
-            item.name: sum(1 for file in item.iterdir() if file.suffix == ".facts" and not file.name.startswith("."))
-            for item in sorted(state.iterdir(), key=lambda item: item.stat().st_ctime_ns)
-            if item.is_dir() and any(item.glob("*.facts"))
-        }
-        return {"state": "unfinished", "record": record, "passes": passes}
-    if (folder / RECORD).exists():
-        return {"state": "finished", "record": read_record(folder / RECORD), "passes": {}}
-    return {"state": "empty", "record": {}, "passes": {}}

@@ -249,8 +249,8 @@ def run_pipeline(
     warm_up = pipeline.warm_up if here and plan.has_room else ""
     with (
         compiled_beside(warm_up),
-        open_run(Path(out).absolute(), record, request.identity(), options, progress or Silent()) as run,
+        open_run(Path(out).absolute(), record, request.identity(), options, progress or Silent(), request.uses) as run,
     ):
         layers = _whole_layers(pipeline, pipeline.recipe(Work(request, run)))
-        run.publish(layers, record, keep=request.all_files)
+        run.publish(layers, record)
         return [run.folder / layer.name for layer in layers]

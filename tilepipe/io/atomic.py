@@ -1,12 +1,19 @@
-"""Atomic writes: a file is written beside its final name and renamed when it is whole."""
+"""Atomic writes: a file is written beside its final name and renamed when it is whole.
+
+What is written aside has a name that nobody else gives, and is locked while its writer lives: so the next write into
+the same folder can clear what a killed one has left, and nothing else.
+"""
 
 from __future__ import annotations
 
 import errno
 import os
+import re
+import secrets
 import shutil
+import stat
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from tilepipe.errors import InputError
@@ -22,14 +29,16 @@ _REMEDY = {
     errno.ENAMETOOLONG: "the name is too long; choose a shorter one",
 }
 
+_ASIDE = re.compile(r"\.tilepipe-[0-9a-f]{16}\.partial")
+"""Names of the folders in which files are written."""
+
 
 @contextmanager
 def atomic_write(final: str | os.PathLike[str]) -> Iterator[Path]:
     """Give a path to write to; rename it to `final` when the block ends well, remove it when it does not.
 
     The path has the name of `final` (drivers look at the suffix) in a hidden folder beside it, which also
-    takes journals and other side files. What a killed run left there is cleared by the next write of the
-    same file.
+    takes journals and other side files. What killed writers left in that place is cleared.
 
     Parameters
     ----------
@@ -39,7 +48,8 @@ def atomic_write(final: str | os.PathLike[str]) -> Iterator[Path]:
     Raises
     ------
     InputError
-        The folder is missing or unwritable, or the disk is full; the message names the file and the remedy.
+        The folder is missing or unwritable, the disk is full, or `final` is no file; the message names the file and the
+        remedy.
 
     Examples
     --------
@@ -53,14 +63,15 @@ def atomic_write(final: str | os.PathLike[str]) -> Iterator[Path]:
     'whole'
     """
     final = Path(final)
-    folder = final.parent / f".{final.name}.partial"
+    folder, lock = final.parent, None
     try:
-        if folder.exists():
-            shutil.rmtree(folder)
-        folder.mkdir()
+        check_replaceable(final)
+        clear_leftovers(final.parent)
+        folder, lock = _make_aside(final.parent)
         yield folder / final.name
-        _flush_to_disk(folder / final.name)
+        flush_to_disk(folder / final.name)
         os.replace(folder / final.name, final)
+        flush_folder(final.parent)
     except InputError:
         raise
     except Exception as error:
@@ -69,14 +80,105 @@ def atomic_write(final: str | os.PathLike[str]) -> Iterator[Path]:
             raise
         raise InputError(f"cannot write {final}: {remedy}") from error
     finally:
-        shutil.rmtree(folder, ignore_errors=True)
+        if folder != final.parent:
+            shutil.rmtree(folder, ignore_errors=True)
+        if lock is not None:
+            os.close(lock)
 
 
-def atomic_write_bytes(final: Path, data: bytes) -> None:
-    """Write a small file in one step; its folder is made when missing.
+def check_replaceable(final: Path) -> None:
+    """Refuse a name under which there is something other than a file.
 
-    For the many files of a run, which several processes may write at once: it does not wait for the disk, and errors
-    of the disk are raised as they are.
+    Raises
+    ------
+    InputError
+        It is a folder, a device, a pipe or a socket.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tilepipe.io.atomic import check_replaceable
+    >>> check_replaceable(Path("/dev/null"))
+    Traceback (most recent call last):
+        ...
+    tilepipe.errors.InputError: cannot write /dev/null: it is no file but a folder or device; choose another name
+    """
+    with suppress(OSError):
+        if not stat.S_ISREG(final.stat().st_mode):
+            raise InputError(f"cannot write {final}: it is no file but a folder or device; choose another name")
+
+
+def is_aside(name: str) -> bool:
+    """Whether a name is that of a folder in which `atomic_write` writes.
+
+    Examples
+    --------
+    >>> from tilepipe.io.atomic import is_aside
+    >>> is_aside(".tilepipe-0123456789abcdef.partial"), is_aside(".streets.tif.partial")
+    (True, False)
+    """
+    return _ASIDE.fullmatch(name) is not None
+
+
+def clear_leftovers(folder: Path) -> None:
+    """Remove what killed writers have left in a folder; what a living one holds stays, and so does all else.
+
+    Where the file system cannot tell whether a writer lives, nothing is removed.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tilepipe.io.atomic import clear_leftovers
+    >>> for name in (".tilepipe-0123456789abcdef.partial", ".streets.tif.partial"):
+    ...     Path(name).mkdir()
+    >>> clear_leftovers(Path())
+    >>> [path.name for path in Path().iterdir()]
+    ['.streets.tif.partial']
+    """
+    # a folder that cannot be listed may still be written to
+    with suppress(OSError):
+        for item in folder.iterdir():
+            if is_aside(item.name) and not item.is_symlink() and item.is_dir():
+                lock = _locked(item)
+                if lock is not None:
+                    shutil.rmtree(item, ignore_errors=True)
+                    os.close(lock)
+
+
+def _make_aside(parent: Path) -> tuple[Path, int | None]:
+    """A new folder for a file, and its lock where the file system has locks."""
+    while True:
+        folder = parent / f".tilepipe-{secrets.token_hex(8)}.partial"
+        folder.mkdir()
+        lock = _locked(folder)
+        # another process may have taken it for a leftover before it was locked
+        if folder.is_dir():
+            return folder, lock
+        if lock is not None:
+            os.close(lock)
+
+
+def _locked(folder: Path) -> int | None:
+    """The descriptor that holds the lock of a folder; None where another holds it or there are no locks."""
+    try:
+        import fcntl
+
+        lock = os.open(folder, os.O_RDONLY)
+    except (ImportError, OSError):
+        return None
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(lock)
+        return None
+    return lock
+
+
+def atomic_write_bytes(final: Path, data: bytes, *, durable: bool = False) -> None:
+    """Write a small file in one step; its folder must be there.
+
+    For the many files of a run, which several processes, even of several machines, may write at once: errors of the
+    disk are raised as they are.  A folder that is gone stays gone: nobody wants what it held.
 
     Parameters
     ----------
@@ -84,6 +186,8 @@ def atomic_write_bytes(final: Path, data: bytes) -> None:
         Path of the finished file.  An existing file is replaced in one step.
     data
         What it holds.
+    durable
+        Wait until a loss of power cannot undo it.
 
     Raises
     ------
@@ -94,24 +198,53 @@ def atomic_write_bytes(final: Path, data: bytes) -> None:
     --------
     >>> from pathlib import Path
     >>> from tilepipe.io.atomic import atomic_write_bytes
-    >>> atomic_write_bytes(Path("notes/first.txt"), b"whole")
-    >>> [path.name for path in Path("notes").iterdir()]
+    >>> atomic_write_bytes(Path("first.txt"), b"whole")
+    >>> [path.name for path in Path().iterdir()]
     ['first.txt']
     """
-    final.parent.mkdir(parents=True, exist_ok=True)
-    aside = final.with_name(f".{final.name}.{os.getpid()}.part")
+    # processes of different machines may have one number
+    aside = final.with_name(f".{final.name}.{secrets.token_hex(8)}.part")
     try:
         aside.write_bytes(data)
+        if durable:
+            flush_to_disk(aside)
         os.replace(aside, final)
+        if durable:
+            flush_folder(final.parent)
     except BaseException:
         aside.unlink(missing_ok=True)
         raise
 
 
-def _flush_to_disk(path: Path) -> None:
-    """Make the kernel report a full disk now: after the rename it would be too late."""
+def flush_to_disk(path: Path) -> None:
+    """Wait until the content of a file is on disk: so the kernel reports a full disk, and a loss of power is harmless.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tilepipe.io.atomic import flush_to_disk
+    >>> _ = Path("notes.txt").write_text("kept")
+    >>> flush_to_disk(Path("notes.txt"))
+    """
     with open(path, "rb+") as file:
         os.fsync(file.fileno())
+
+
+def flush_folder(folder: Path) -> None:
+    """Wait until the names in a folder are on disk, where the file system can be asked for that.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tilepipe.io.atomic import flush_folder
+    >>> flush_folder(Path())
+    """
+    with suppress(OSError):
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
 
 
 def _remedy(error: Exception, folder: Path) -> str | None:

@@ -10,6 +10,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
+from tilepipe.errors import InputError
 from tilepipe.io.atomic import atomic_write
 from tilepipe.io.georeference import Geometry
 from tilepipe.tiling.grid import TileGrid, Window
@@ -66,7 +67,6 @@ def write_cog(
     from rasterio.windows import Window as FileWindow
 
     rows, columns = geometry.shape
-    tiled = path.with_suffix(".tiled.tif")
     profile = {
         "driver": "GTiff",
         "width": columns,
@@ -83,14 +83,13 @@ def write_cog(
         "zstd_level": 1,
         "bigtiff": "if_safer",
     }
-    try:
+    with atomic_write(path) as aside:
+        tiled = aside.with_name(f"{aside.name}.tiled")
         with rasterio.open(tiled, "w", **profile) as target:
             for tile in TileGrid(geometry.shape, _STRIP).tiles():
                 part = tile.core
                 target.write(read(part), 1, window=FileWindow(part.left, part.top, part.columns, part.rows))
-        cog_from_tiled(tiled, path, threads=threads)
-    finally:
-        tiled.unlink(missing_ok=True)
+        _copy(tiled, aside, "nearest", "ZSTD", threads)
 
 
 def cog_from_tiled(
@@ -133,13 +132,22 @@ def cog_from_tiled(
     ...     cog.shape, cog.block_shapes, cog.crs.to_epsg()
     ((512, 512), [(512, 512)], 32633)
     """
+    destination = Path(destination)
+    if destination.exists() and destination.samefile(source):
+        raise InputError(f"cannot write {destination}: it is the raster to be copied; choose another name")
+    with atomic_write(destination) as aside:
+        _copy(source, aside, overview, compression, threads)
+    return destination
+
+
+def _copy(source: str | os.PathLike[str], aside: Path, overview: str, compression: str, threads: int | None) -> None:
+    """Write the file ``aside`` as `cog_from_tiled` says."""
     import rasterio
     import rasterio.shutil
 
     with rasterio.open(source) as raster:
         is_float = raster.dtypes[0].startswith("float")
-    destination = Path(destination)
-    with atomic_write(destination) as aside, rasterio.Env():
+    with rasterio.Env():
         rasterio.shutil.copy(
             str(source),
             str(aside),
@@ -155,7 +163,6 @@ def cog_from_tiled(
             NUM_THREADS=threads or "ALL_CPUS",
         )
         _check_copy(source, aside)
-    return destination
 
 
 def _check_copy(source: str | os.PathLike[str], copy: Path) -> None:

@@ -137,6 +137,8 @@ def convert(
     if not source.is_file():
         raise InputError(f"{source} does not exist; run the pipeline first or correct the path")
     final = Path(destination) if destination is not None else source.with_suffix(SUFFIX[format])
+    if final.exists() and final.samefile(source):
+        raise InputError(f"cannot write {final}: it is the table to be converted; choose another name")
     with atomic_write(final) as aside:
         _write_converted(source, aside, format)
     return final

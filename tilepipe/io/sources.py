@@ -175,3 +175,33 @@ def _check_whole(path: Path, dataset: Any, band: int) -> None:
         raise InputError(
             f"{path}: is damaged, it has {size:,} bytes but its pixels reach to {end:,}; copy the file anew"
         )
+
+
+def files_behind(path: Path) -> list[Path]:
+    """All files that reading a raster file reads, itself and the sources of a VRT among them; none of a folder.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tilepipe.io.sources import files_behind
+    >>> from tilepipe.synthetic import City, write_city
+    >>> city = write_city(".", City(rows=512, columns=512), layers=["intensity"], truth=False)
+    >>> files_behind(city["intensity"])
+    [PosixPath('intensity.tif')]
+    """
+    import rasterio
+    from rasterio.errors import RasterioError
+
+    found: list[Path] = []
+    pending = [path] if path.is_file() else []
+    while pending:
+        try:
+            with rasterio.open(pending.pop()) as dataset:
+                files = [Path(name) for name in dataset.files]
+        # what cannot be opened is refused where it is read
+        except RasterioError:
+            continue
+        new = [file for file in files if file not in found]
+        found += new
+        pending += [file for file in new if file.suffix.lower() == ".vrt" and file != path]
+    return found

@@ -96,11 +96,14 @@ def pipelines_of(folder: Path) -> list[Pipeline]:
     Raises
     ------
     InputError
-        When the record cannot be read, or names a pipeline that is not installed.
+        When the record cannot be read, or names a pipeline that is not installed; or when the run is not finished.
     """
-    from tilepipe.io.record import RECORD, read_record
+    from tilepipe.io.record import RECORD, STATE, read_record
 
     command = read_record(folder / RECORD).get("command") if (folder / RECORD).is_file() else None
+    if command is None and (folder / STATE).is_dir():
+        # a process that ended while it published has left some layers
+        raise InputError(f"{folder}: holds an unfinished run; finish it first, see tilepipe status")
     if command is None:
         return [pipeline(name) for name in OWN]
     try:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,8 +20,10 @@ from skimage.color import rgb2gray
 from skimage.exposure import rescale_intensity
 
 from tilepipe.errors import InputError
+from tilepipe.io.atomic import atomic_write, atomic_write_bytes
 from tilepipe.io.file_bands import bands_of, read_bands
-from tilepipe.io.record import RECORD, read_record
+from tilepipe.io.manifest import Written, as_table, from_table, refuse_foreign
+from tilepipe.io.record import PICTURES, RECORD, as_toml, read_record
 from tilepipe.io.tables import LINES, POLYGONS, metres_per_unit, read_vectors, run_table
 
 if TYPE_CHECKING:
@@ -101,6 +104,24 @@ class FinishedRun:
         path = run_table(self.folder, name)
         return None if path is None else read_vectors(path, "result", LINES + POLYGONS).to_crs(self.crs)
 
+    @contextmanager
+    def adding(self, name: str) -> Iterator[Path]:
+        """Give a path to write a picture of the run to; it takes the place of the one that an earlier report has made.
+
+        Raises
+        ------
+        InputError
+            There is a file of this name that no report has made, or that was changed since.
+        """
+        known = _pictures(self.folder)
+        refuse_foreign(self.folder, [name], known)
+        with atomic_write(self.folder / name) as aside:
+            yield aside
+            # what is recorded must be known before it is there
+            (self.folder / name).unlink(missing_ok=True)
+            files = [*(file for file in known if file.name != name), Written.of(aside)]
+            atomic_write_bytes(self.folder / PICTURES, as_toml({"files": as_table(files)}), durable=True)
+
     def raster(self, name: str, bounds: Bounds, shape: tuple[int, int]) -> np.ma.MaskedArray[Any, Any]:
         """A part of a raster layer, nearest pixel, as a picture of `shape` (rows, columns); nodata is masked."""
         with rasterio.open(self.folder / name) as layer:
@@ -167,12 +188,18 @@ def open_folder(
     Parameters and errors as for `open_finished_run`.
     """
     record = read_record(folder / RECORD) if (folder / RECORD).is_file() else {}
-    paths = _located(folder, rasters if rasters is not None else record.get("inputs", {}).get("rasters", []))
+    named = rasters if rasters is not None else record.get("inputs", {}).get("rasters", [])
+    paths = _located(folder, [named] if isinstance(named, str) else named)
     readable = tuple(path for path in paths if _is_readable(path))
     bounds, shape, crs = _lie(folder, raster, record)
     metres = metres_per_unit(crs, str(folder / (raster or RECORD)))
     missing = tuple(path for path in paths if path not in readable)
     return FinishedRun(folder, bounds, shape, CRS.from_user_input(crs), metres, readable, missing, record)
+
+
+def _pictures(folder: Path) -> list[Written]:
+    path = folder / PICTURES
+    return from_table(read_record(path).get("files", {})) if path.is_file() else []
 
 
 def percentiles(values: NDArray[Any]) -> tuple[float, float]:
@@ -187,9 +214,9 @@ def _lie(folder: Path, raster: str | None, record: dict[str, Any]) -> tuple[Boun
     if raster is not None:
         with rasterio.open(folder / raster) as layer:
             return tuple(layer.bounds), (layer.height, layer.width), layer.crs
-    if "raster" not in record:
+    lie = record.get("raster", {})
+    if not {"shape", "left", "top", "pixel", "crs"} <= set(lie):
         raise InputError(f"{folder} holds no layer of a run; give the folder of a finished run")
-    lie = record["raster"]
     (rows, columns), left, top, pixel = lie["shape"], lie["left"], lie["top"], lie["pixel"]
     return (left, top - rows * pixel, left + columns * pixel, top), (rows, columns), lie["crs"]
 
@@ -200,6 +227,9 @@ def _located(folder: Path, named: Sequence[str | os.PathLike[str]]) -> list[Path
 
 
 def _is_readable(path: Path) -> bool:
+    # reading a pipe or a device would never end
+    if not (path.is_file() or path.is_dir()):
+        return False
     try:
         with rasterio.open(path):
             return True

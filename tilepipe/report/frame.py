@@ -12,7 +12,6 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from tilepipe.io.atomic import atomic_write
 from tilepipe.report.finished_run import Bounds, FinishedRun
 from tilepipe.report.map import DPI, INK, Map
 
@@ -90,7 +89,7 @@ class Picture:
                 self._draw_swatches(left, _FOOTER / 2 - 16, colours, text)
         self._draw_bars(self.maps[-1])
         self._draw_scale_bar()
-        with atomic_write(self.run.folder / name) as aside:
+        with self.run.adding(name) as aside:
             self.figure.savefig(aside, dpi=DPI, metadata={"Software": None})
         return self.run.folder / name
 

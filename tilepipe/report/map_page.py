@@ -27,7 +27,7 @@ from bokeh.resources import Resources
 from numpy.typing import NDArray
 from PIL import Image
 
-from tilepipe.io.atomic import atomic_write
+from tilepipe.errors import InputError
 from tilepipe.io.record import TIMINGS
 from tilepipe.report.finished_run import FinishedRun
 from tilepipe.report.map import INK
@@ -139,7 +139,7 @@ def write_map_page(run: FinishedRun, title: str, facts: str, layers: Sequence[Pi
         tables=_tables(run),
         script=script,
     )
-    with atomic_write(run.folder / REPORT) as aside:
+    with run.adding(REPORT) as aside:
         aside.write_text(page, encoding="utf-8")
     return run.folder / REPORT
 
@@ -255,14 +255,21 @@ def _tables(run: FinishedRun) -> str:
     tables = []
     timings = run.folder / TIMINGS
     if timings.is_file():
-        rows = list(_flat(json.loads(timings.read_text(encoding="utf-8"))))
+        rows = list(_flat(_read_timings(timings)))
         seconds = [value for _, value in rows if isinstance(value, int | float)]
         if len(seconds) == len(rows):
             rows.append(("total", sum(seconds)))
         tables.append(_table("Time per stage (s)", rows))
     if run.record:
-        tables.append(_table("Parameters", _flat(run.record)))
+        tables.append(_table("Parameters", _flat({key: run.record[key] for key in run.record if key != "files"})))
     return "\n".join(tables)
+
+
+def _read_timings(path: Path) -> Any:
+    try:
+        return json.loads(path.read_bytes())
+    except (ValueError, RecursionError):
+        raise InputError(f"{path}: is damaged; remove it") from None
 
 
 def _flat(tree: Any, name: str = "") -> Iterator[tuple[str, Any]]:

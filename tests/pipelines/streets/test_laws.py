@@ -18,8 +18,8 @@ from hypothesis import strategies as st
 from tests.laws import Killed, assert_invisible, assert_resumes, layer_bytes, tiles
 from tests.scenes import LAYERS, SMALL, band, draw, ring, run_streets, write_raster
 from tilepipe.engine.options import RunOptions
-from tilepipe.engine.run import STATE
 from tilepipe.errors import InputError
+from tilepipe.io.record import STATE
 from tilepipe.pipelines.streets.pipeline import streets
 
 SHAPE = (90, 110)

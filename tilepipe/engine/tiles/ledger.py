@@ -40,7 +40,14 @@ class Ledger:
         return self.folder / f"{tile_name}{_SUFFIX}"
 
     def record(self, tile_name: str, facts: Facts) -> None:
-        """Mark a tile as done, with its facts."""
+        """Mark a tile as done, with its facts.
+
+        Raises
+        ------
+        FileNotFoundError
+            When the folder of the state is gone: another run has begun, and nobody wants this tile.
+        """
+        self.folder.mkdir(exist_ok=True)
         atomic_write_bytes(self.path(tile_name), pack(facts))
 
     def facts(self, tile_name: str, prefix: str = "") -> Facts:
@@ -63,6 +70,21 @@ class Ledger:
         """Facts of all finished tiles in row-major order, one after the other."""
         names = sorted(self.done(), key=lambda name: [int(part) for part in name[1:].split("c")])
         return (self.facts(name) for name in names)
+
+    def is_done(self, tile_name: str) -> bool:
+        """Whether a whole file says that a tile is done.
+
+        Raises
+        ------
+        ValueError
+            When the file is damaged.
+        """
+        try:
+            # no name begins so: the file is checked, and no array is read
+            self.facts(tile_name, prefix="\0")
+        except FileNotFoundError:
+            return False
+        return True
 
     def forget(self, tile_name: str) -> None:
         """Mark a tile as not done."""

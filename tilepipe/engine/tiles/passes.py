@@ -6,6 +6,7 @@ named arrays that a reconciliation needs.  When both are on disk the tile is don
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -21,6 +22,9 @@ from tilepipe.errors import InputError, TileError, WorkerError
 from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import Tile, TileGrid
 from tilepipe_kernels.core.arrays import Backend, to_host
+
+_NEWS = 60
+"""Longest that a network file system may show a folder as it was, in seconds: ``acdirmax`` of nfs(5)."""
 
 TileFunction = Callable[[Any, Tile], Facts]
 
@@ -106,14 +110,33 @@ def run_pass(bound: BoundPass, state: Path, executor: Executor, progress: Progre
     todo = [tile for tile in tiles if tile.number not in finished]
     progress.start(bound.name, len(tiles), len(finished))
     failures: list[tuple[Tile, BaseException]] = []
+    computed: list[Tile] = []
     for tile, _, error in executor.run(partial(_run_tile, bound, ledger.folder), todo):
         if error is None:
             progress.advance(bound.name)
+            computed.append(tile)
         else:
             failures.append((tile, error))
+    failures += _unseen(ledger, computed)
     if failures:
         raise _tile_error(bound.name, failures, len(tiles))
     return ledger
+
+
+def _unseen(ledger: Ledger, tiles: Sequence[Tile]) -> list[tuple[Tile, BaseException]]:
+    """Tiles whose facts do not lie here whole, whatever their workers say: these may see another disk."""
+    failures: list[tuple[Tile, BaseException]] = []
+    end = time.monotonic() + _NEWS
+    for tile in tiles:
+        try:
+            while not ledger.is_done(tile.name):
+                if time.monotonic() > end:
+                    reason = "its facts cannot be seen here: do all workers share the folder of the run?"
+                    raise FileNotFoundError(reason)
+                time.sleep(1)
+        except (OSError, ValueError) as error:
+            failures.append((tile, error))
+    return failures
 
 
 def _tile_error(name: str, failures: Sequence[tuple[Tile, BaseException]], total: int) -> TileError:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -49,23 +49,37 @@ class StateArray:
     fill: int = 0
 
     def create(self) -> None:
-        """Create the array unless it is there."""
+        """Create the array unless it is there as it was created; a damaged one is made anew, empty."""
         import zarr
         from zarr.codecs import BloscCodec
 
-        if (self.path / "zarr.json").exists():
+        if self._is_created():
             return
-        chunks = tuple(_chunk(size) for size in self.grid.tile_shape)
         compressor = BloscCodec(cname="lz4", clevel=1, shuffle="shuffle")
         zarr.create_array(
             self.path,
             shape=self.grid.shape,
-            chunks=chunks,
+            chunks=self._chunks,
             dtype=self.dtype,
             fill_value=self.fill,
             compressors=compressor,
             overwrite=True,
         )
+
+    def _is_created(self) -> bool:
+        if not (self.path / "zarr.json").is_file():
+            return False
+        try:
+            array = _open_array(self.path)
+        # whatever a damaged description makes zarr say
+        except Exception:
+            return False
+        found = array.shape, array.chunks, array.dtype, array.fill_value
+        return found == (self.grid.shape, self._chunks, np.dtype(self.dtype), self.fill)
+
+    @property
+    def _chunks(self) -> tuple[int, ...]:
+        return tuple(_chunk(size) for size in self.grid.tile_shape)
 
     def read(self, window: Window) -> NDArray[Any]:
         """Values of a window."""
@@ -102,7 +116,21 @@ def _open_array(path: Path) -> Any:
 def _opened_array(path: Path, _version: int) -> Any:
     import zarr
 
-    return zarr.open_array(path, mode="r+")
+    return zarr.open_array(_lasting_store()(path), mode="r+")
+
+
+@cache
+def _lasting_store() -> Any:
+    """Kind of store that makes no folder anew: where the state is gone, another run has begun."""
+    from zarr.storage import LocalStore
+
+    class LastingStore(LocalStore):
+        async def set(self, key: str, value: Any) -> None:
+            if not (self.root / "zarr.json").is_file():
+                raise FileNotFoundError(f"{self.root}: the state is gone, for another run has begun")
+            await super().set(key, value)
+
+    return LastingStore
 
 
 def write_state(arrays: Mapping[str, StateArray], tile: Tile, values: Mapping[str, NDArray[Any]]) -> Facts:

@@ -110,7 +110,7 @@ def sample_bands(photograph: Photograph, tile: Tile) -> Facts:
 
 
 def _needs_principal_component(setting: Setting) -> bool:
-    return bool(setting.found["grey"] == PRINCIPAL_COMPONENT)
+    return bool(setting.found.get("grey") == PRINCIPAL_COMPONENT)
 
 
 BANDS = Pass("bands", sample_bands, halo=0, bytes_per_pixel=16, needed=_needs_principal_component, on_device=False)

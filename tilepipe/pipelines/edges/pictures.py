@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tilepipe.engine.parameters import checked_parameters
+from tilepipe.pipelines.edges.parameters import EdgeParameters
 from tilepipe.report.finished_run import UNKNOWN, Bounds, FinishedRun, open_finished_run
 from tilepipe.report.frame import DETAIL, QUICKLOOK, Picture
 from tilepipe.report.map import Map
@@ -123,7 +125,9 @@ def _say_if_empty(drawn: Map) -> None:
 
 def _level_greys(run: FinishedRun) -> NDArray[np.uint8]:
     """Evenly spaced greys of the levels, darkest first."""
-    return np.linspace(_DARKEST, _BRIGHTEST, run.record["parameters"]["levels"]).astype(np.uint8)
+    recorded = {name: value for name, value in run.record.get("parameters", {}).items() if name == "levels"}
+    levels = checked_parameters(EdgeParameters, recorded).levels
+    return np.linspace(_DARKEST, _BRIGHTEST, levels).astype(np.uint8)
 
 
 def _levels(run: FinishedRun, bounds: Bounds, shape: tuple[int, int]) -> np.ma.MaskedArray[Any, Any]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import tempfile
 import warnings
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -14,6 +13,7 @@ from pyproj import CRS
 from rasterio.errors import RasterioError
 
 from tilepipe.errors import InputError
+from tilepipe.io.atomic import atomic_write, check_replaceable
 from tilepipe.io.cloud_points import PointFilter, Returns, Value
 from tilepipe.io.clouds import find_clouds
 from tilepipe.pipelines.points.deal import deal_points, grid_tile
@@ -124,7 +124,8 @@ def grid_clouds(
     [[4.0, nan, 9.0]]
     """
     out = Path(out)
-    if out.exists() and not overwrite:
+    check_replaceable(out)
+    if (out.is_symlink() or out.exists()) and not overwrite:
         raise InputError(f"{out} exists; pass --overwrite to replace it")
     if not out.parent.is_dir():
         raise InputError(f"the folder {out.parent} does not exist; create it first")
@@ -134,22 +135,24 @@ def grid_clouds(
     point_filter = PointFilter(None if classes is None else tuple(classes), returns)
     free = memory - _BASE_MEMORY - chunk_points * (_READ_BYTES_PER_POINT + (workers + 1) * _DEALT_BYTES_PER_POINT)
     told = progress or _untold
-    job = checked_job(find_clouds(clouds), resolution, value, method, void_reach, idw_radius, crs)
+    paths = find_clouds(clouds)
+    if out.exists() and any(out.samefile(path) for path in paths):
+        raise InputError(f"{out} is one of the clouds; name another file with --out")
+    job = checked_job(paths, resolution, value, method, void_reach, idw_radius, crs)
     survey = survey_clouds(job.clouds, job.cell, point_filter, chunk_points, workers, partial(told, "survey"))
     extent = find_extent(job.clouds, survey, job.cell, job.resolution)
     plan = plan_grid(job, extent, survey.heights, free // workers)
     if extent.warning is not None:
         warnings.warn(extent.warning, stacklevel=2)
     try:
-        with tempfile.TemporaryDirectory(prefix=f".{out.name}.", dir=out.parent) as scratch:
-            counts = deal_points(plan, Path(scratch), point_filter, chunk_points, workers, partial(told, "read"))
+        with atomic_write(out) as raster:
+            scratch = raster.parent
+            counts = deal_points(plan, scratch, point_filter, chunk_points, workers, partial(told, "read"))
             most = max(plan.tile_memory(tile, count) for tile, count in counts.items())
             if most > free:
                 needed = (memory - free + most) / (1 << 20)
                 raise InputError(f"gridding needs {needed:,.0f} MiB of memory; raise --memory to that")
-            raster = Path(scratch) / "raster.tif"
-            copies = _grid(plan, Path(scratch), raster, sorted(counts), min(workers, free // most), told)
-            os.replace(raster, out)
+            copies = _grid(plan, scratch, raster, sorted(counts), min(workers, free // most), told)
     except (OSError, RasterioError) as error:
         raise InputError(f"cannot write {out}: {error}; check the disk's space and the permissions") from error
     if copies:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -87,5 +86,3 @@ def _verify(plan: GridPlan, raster: Path, checksums: dict[int, int], workers: in
         for tile, checksum in checksums.items():
             if zlib.crc32(dataset.read(1, window=plan.window(tile))) != checksum:
                 raise OSError("the raster read back differs from what was written")
-    with open(raster, "rb") as file:
-        os.fsync(file.fileno())

@@ -1,0 +1,73 @@
+"""The end of a run: its layers appear in its folder together, then its record says that they are whole.
+
+The order outlasts a kill and a loss of power at any moment; each step is on disk before the next begins.
+
+1. The new layers are whole in the state; `files.toml` there names them, the earlier run's files and the record to come.
+2. The earlier record goes: nothing claims the files any more.  Then the earlier files go, and the new ones are renamed.
+3. The record appears: the run is finished.  Then the state goes.
+
+Until the record appears the same command resumes the run and publishes again; it knows by `files.toml` which files it
+may replace.  After that, what is left of the state is nobody's, and the next command removes it.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from tilepipe.engine.run_folder import known_files, remove_state, write_log
+from tilepipe.io.atomic import atomic_write_bytes, flush_folder, flush_to_disk
+from tilepipe.io.manifest import Written, as_table, refuse_foreign
+from tilepipe.io.record import PICTURES, RECORD, TIMINGS, as_toml
+
+
+def publish(
+    folder: Path, state: Path, layers: Sequence[Path], record: Mapping[str, Any], timings: Mapping[str, float]
+) -> None:
+    """Put the layers of a run in the place of those of an earlier one, and mark it as finished.
+
+    Parameters
+    ----------
+    folder, state
+        Of the run; the caller holds its lock.
+    layers
+        Finished files in the state; they keep their names.
+    record
+        What was run.
+    timings
+        Seconds of each stage.
+
+    Raises
+    ------
+    InputError
+        A file that would be replaced or removed is none of tilepipe, or has been changed; nothing has been touched.
+    """
+    for layer in layers:
+        flush_to_disk(layer)
+    new, old = [Written.of(layer) for layer in layers], known_files(folder)
+    refuse_foreign(folder, [file.name for file in (*old, *new)], (*old, *new))
+    aside = state / RECORD
+    atomic_write_bytes(aside, as_toml({**record, "files": as_table(new)}), durable=True)
+    write_log(folder, dict.fromkeys((*old, *new, Written.of(aside))))
+
+    for name in (RECORD, PICTURES):
+        (folder / name).unlink(missing_ok=True)
+    flush_folder(folder)
+    for name in {file.name for file in old}:
+        (folder / name).unlink(missing_ok=True)
+    # no moment shows layers of two runs
+    flush_folder(folder)
+    for layer in layers:
+        os.replace(layer, folder / layer.name)
+    rounded = {name: round(seconds, 3) for name, seconds in timings.items()}
+    (state / TIMINGS).write_bytes(json.dumps(rounded, indent=1).encode())
+    flush_to_disk(state / TIMINGS)
+    os.replace(state / TIMINGS, folder / TIMINGS)
+    flush_folder(folder)
+
+    os.replace(aside, folder / RECORD)
+    flush_folder(folder)
+    remove_state(folder)
