@@ -9,7 +9,7 @@ import dask
 import dask.array as da
 import numpy as np
 import pytest
-import rioxarray  # noqa: F401
+import rioxarray
 import xarray as xr
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -19,6 +19,7 @@ import tilepipe.accessor  # noqa: F401
 from tests.scenes import band, draw, ring, write_raster
 from tilepipe.errors import InputError
 from tilepipe.io.raster import as_dataarray, open_raster
+from tilepipe.tiling.grid import Window
 from tilepipe_kernels.heights import ground
 from tilepipe_kernels.image import diffusion, grey_levels, morphology
 from tilepipe_kernels.mrf.edge_model import EdgeModel
@@ -398,3 +399,123 @@ def test_other_numbers_of_dimensions_are_refused(dims):
     wrong = xr.DataArray(np.zeros((3,) * len(dims)), dims=dims)
     with pytest.raises(InputError, match=f"two dimensions, not {len(dims)}: select a band"):
         wrong.tilepipe.diffuse()
+
+
+# --- how an array is stored
+
+
+def packed(dtype: str = "int16") -> tuple[xr.DataArray, xr.DataArray]:
+    """Heights stored in centimetres above 100 m with a void, and the same as they are meant."""
+    stored = np.rint(greys() * 100).astype(np.float32)
+    meant = np.where(np.isnan(stored), np.nan, stored.astype(np.float64) * 0.01 + 100).astype(np.float32)
+    stored = np.where(np.isnan(stored), -32768, stored).astype(dtype)
+    attributes = {"scale_factor": 0.01, "add_offset": 100.0, "_FillValue": np.dtype(dtype).type(-32768)}
+    return array(stored).assign_attrs(attributes), array(meant)
+
+
+STORED = ("scale_factor", "add_offset", "scales", "offsets")
+OF_VALUES = {
+    "diffuse": lambda a: a.tilepipe.diffuse(steps=2),
+    "ground": lambda a: a.tilepipe.ground(resolution=1.0, largest_object=12),
+    "quadtree": lambda a: a.tilepipe.quadtree(deviation=12, largest=8),
+    "grow_regions": lambda a: a.tilepipe.grow_regions(tolerance=9, minimum_size=5),
+    "ridge_lines": lambda a: a.tilepipe.ridge_lines(sigma=2.0, low=0.5),
+    "segment": lambda a: a.tilepipe.segment(means=[140, 260], rounds=3),
+    "nevatia_babu": lambda a: a.tilepipe.nevatia_babu(threshold=20),
+}
+
+
+@pytest.mark.parametrize("chunked", [False, True])
+@pytest.mark.parametrize("name", OF_VALUES)
+def test_a_packed_array_is_what_it_means(name, chunked):
+    stored, meant = packed()
+    stored = stored.chunk(y=20, x=20) if chunked else stored
+    found = OF_VALUES[name](stored)
+    assert np.array_equal(found.values, OF_VALUES[name](meant).values, equal_nan=found.dtype.kind == "f")
+    assert not set(found.attrs) & set(STORED)
+    assert stored.attrs["scale_factor"] == 0.01
+    nodata = {"f": np.nan, "u": 255 if name == "segment" else None}[found.dtype.kind]
+    assert found.attrs.get("_FillValue") is nodata or found.attrs.get("_FillValue") == nodata
+
+
+def test_scales_that_rioxarray_keeps_for_each_band(tmp_path):
+    import rasterio
+
+    values = packed()[0].values
+    with rasterio.open(
+        tmp_path / "a.tif",
+        "w",
+        driver="GTiff",
+        height=SHAPE[0],
+        width=SHAPE[1],
+        count=2,
+        dtype="int16",
+        nodata=-32768,
+        crs="EPSG:32633",
+        transform=rasterio.Affine(1, 0, 5e5, 0, -1, 5e6),
+    ) as file:
+        file.write(np.stack([values, values]))
+        file.scales, file.offsets = (1.0, 0.01), (0.0, 100.0)
+    with pytest.warns(UserWarning, match="differ across bands"):
+        bands = rioxarray.open_rasterio(tmp_path / "a.tif")
+    expected = packed()[1].tilepipe.ground(resolution=1.0, largest_object=12)
+    found = bands[1].tilepipe.ground(resolution=1.0, largest_object=12)
+    assert np.array_equal(found.values, expected.values, equal_nan=True)
+    assert not set(found.attrs) & set(STORED)
+    assert np.array_equal(open_raster([bands], band=2).read(Window(0, 0, *SHAPE)), packed()[1].values, equal_nan=True)
+    with pytest.raises(InputError, match="its bands have different scales; open it with mask_and_scale=True"):
+        bands[1].drop_vars("band").tilepipe.ground(resolution=1.0)
+
+
+def test_what_was_decoded_is_not_scaled_again(tmp_path):
+    stored, meant = packed()
+    stored.to_dataset(name="a").to_zarr(tmp_path / "a.zarr", zarr_format=2, consolidated=False)
+    decoded = xr.open_zarr(tmp_path / "a.zarr", consolidated=False)["a"]
+    assert decoded.encoding["scale_factor"] == 0.01
+    found = decoded.tilepipe.ground(resolution=1.0, largest_object=12)
+    expected = meant.tilepipe.ground(resolution=1.0, largest_object=12)
+    assert np.allclose(found.values, expected.values, equal_nan=True)
+    found.to_dataset(name="b").to_zarr(tmp_path / "b.zarr", zarr_format=2, consolidated=False)
+    assert np.array_equal(xr.open_zarr(tmp_path / "b.zarr", consolidated=False)["b"], found, equal_nan=True)
+
+
+@pytest.mark.parametrize(("dtype", "nodata"), [("int16", -32768), ("int64", 2**60 + 1), ("float32", -3.40282346639e38)])
+def test_nodata_of_attributes_is_nodata(dtype, nodata):
+    values = np.nan_to_num(greys()).astype(dtype)
+    values[20:22, 30:34] = nodata
+    for key in ("_FillValue", "missing_value", "nodata"):
+        marked = array(values).assign_attrs({key: nodata})
+        found = marked.tilepipe.quadtree(deviation=12, largest=1)
+        assert np.isnan(found.values[20:22, 30:34]).all()
+        assert np.isnan(found.values).sum() == 8
+
+
+def test_an_infinity_is_nodata():
+    values = greys()
+    values[20:22, 30:34] = np.inf
+    assert np.array_equal(
+        array(values).tilepipe.diffuse(steps=4).values, array(greys()).tilepipe.diffuse(steps=4).values, equal_nan=True
+    )
+
+
+@pytest.mark.parametrize("name", OPERATORS)
+def test_rows_are_those_of_the_map(name):
+    """What is below a pixel is so on the map too, whatever the order of the dims."""
+    source = array(raster_for(name))
+    for turned in (source.transpose("x", "y"), source.transpose("x", "y").chunk(y=20, x=20)):
+        found = OPERATORS[name][1](turned)
+        assert found.dims == ("x", "y")
+        assert found.chunks == turned.chunks
+        expected = OPERATORS[name][1](source)
+        assert np.array_equal(found.transpose("y", "x").values, expected.values, equal_nan=found.dtype.kind == "f")
+
+
+def test_chunks_of_unknown_sizes_are_refused():
+    data = da.from_array(greys(), chunks=20)
+    unknown = data[da.from_array(np.ones(SHAPE[0], bool), chunks=20)]
+    lazy = xr.DataArray(unknown, dims=("y", "x"))
+    for operator in (lambda a: a.tilepipe.diffuse(), lambda a: a.tilepipe.grow_regions(tolerance=1)):
+        with pytest.raises(InputError, match=r"chunks of unknown sizes; make it of dask_array\.compute_chunk_sizes"):
+            operator(lazy)
+    with pytest.raises(InputError, match="chunks of unknown sizes"):
+        open_raster([lazy], crs="EPSG:32633")

@@ -258,6 +258,17 @@ def test_a_damaged_file_is_named(tmp_path):
         open_raster([path])
 
 
+@pytest.mark.parametrize(("terms", "rotated"), [((1e-17, -2.3e-17), False), ((1e-3, -1e-3), False), ((0, 2e-3), True)])
+def test_a_rotation_that_moves_no_pixel_is_none(tmp_path, terms, rotated):
+    b, d = terms
+    path = write_raster(tmp_path / "a.tif", numbers(), transform=rasterio.Affine(1, b, LEFT, d, -1, TOP))
+    if rotated:  # by 0.018 pixels at the right side
+        with pytest.raises(InputError, match="is rotated"):
+            open_raster([path])
+    else:
+        assert open_raster([path]).geometry.transform == (1, 0, LEFT, 0, -1, TOP)
+
+
 # --- coordinate reference systems
 
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import rasterio
+from rasterio.enums import ColorInterp
 from rasterio.transform import from_origin
 
 from tests.report.fabricated import CRS, LEFT, PIXEL, TOP, make_run
@@ -71,6 +74,46 @@ def test_bands_are_red_green_blue_or_the_one_that_the_run_took(
     run = open_folder(folder, "streets.tif")
     grey = run.background(run.bounds, (120, 200))
     assert (grey[50, 20], grey[50, 180]) == (left, right)
+
+
+def _photograph(
+    folder: Path, bands: np.ndarray, meanings: Sequence[str] = (), palette: Any = None, **profile: Any
+) -> np.ma.MaskedArray:
+    """Background of a run over a photograph that fills it."""
+    folder = make_run(folder)
+    profile |= {"driver": "GTiff", "height": 120, "width": 200, "count": len(bands), "dtype": "uint8", "crs": CRS}
+    transform = from_origin(LEFT, TOP, PIXEL, PIXEL)
+    with rasterio.open(folder / "aerial.tif", "w", transform=transform, **profile) as file:
+        if meanings:
+            file.colorinterp = [ColorInterp[meaning] for meaning in meanings]
+        file.write(bands)
+        if palette:
+            file.write_colormap(1, palette)
+    (folder / "run.toml").write_text('[inputs]\nrasters = ["aerial.tif"]\n')
+    run = open_folder(folder, "streets.tif")
+    return run.background(run.bounds, (120, 200))
+
+
+def test_the_background_is_void_where_the_photograph_is(tmp_path: Path) -> None:
+    bands = np.full((3, 120, 200), 90, np.uint8)
+    bands[:, :, 100:] = 200
+    bands[:, :, :20] = 0
+    bands[2, 50:, 150:] = 0  # a roof without blue is there
+    grey = _photograph(tmp_path / "a", bands, nodata=0)
+    assert np.array_equal(grey.mask, np.broadcast_to(np.arange(200) < 20, (120, 200)))
+    alpha = np.full((1, 120, 200), 255, np.uint8)
+    alpha[0, 60:] = 0
+    grey = _photograph(tmp_path / "b", np.concatenate([alpha, bands[:1]]), meanings=("alpha", "gray"))
+    assert np.array_equal(grey.mask, alpha[0] == 0)
+    assert (grey[30, 50], grey[30, 150]) == (116, 235)
+
+
+def test_the_background_has_the_colours_of_a_palette(tmp_path: Path) -> None:
+    indices = np.ones((1, 120, 200), np.uint8)
+    indices[:, :, 100:] = 0
+    palette = {0: (250, 250, 250, 255), 1: (10, 10, 10, 255)}
+    grey = _photograph(tmp_path / "a", indices, photometric="palette", palette=palette)
+    assert (grey[50, 20], grey[50, 180]) == (20, 235)
 
 
 def test_several_rasters_are_one_background(tmp_path: Path) -> None:

@@ -3,7 +3,8 @@
 Every operator keeps chunks, coordinates, attributes and CRS, computes nothing by itself when the array is lazy (over
 dask), and gives the same values whatever the chunks are: each chunk is computed with its halo.  The result is named
 after the operator.  Greys and lengths of pixels are those of the kernels; nodata is NaN or the array's own nodata
-value.
+value.  A packed array (``scale_factor``, ``add_offset``) counts as what it means, and no result carries its scale; what
+lies below a pixel is in the next row, whatever the order of the dims.
 """
 
 from __future__ import annotations

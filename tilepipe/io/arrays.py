@@ -218,7 +218,10 @@ def zarr_source(path: Path, *, crs: str | None, choice: Choice) -> ArraySource:
     try:
         dataset = xr.open_zarr(path, mask_and_scale=False, decode_coords="all", consolidated=False)
     except Exception as error:
-        raise InputError(f"{path}: is a folder but no Zarr raster; name raster files or a Zarr store") from error
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise InputError(
+            f"{path}: is a folder but no Zarr raster ({reason}); name raster files, or a store that xarray can open"
+        ) from error
     names = sorted(str(name) for name, item in dataset.data_vars.items() if item.ndim >= 2)
     if len(names) != 1:
         found = ", ".join(names) or "none"
