@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -489,16 +490,14 @@ def test_the_stamp_of_an_array_tells_its_values():
 class Counting:
     """A source that counts its reads."""
 
-    name, stamp = "counting", "1"
-
     def __init__(self, raster: Raster) -> None:
         self.inner = raster.members[0].source
         self.geometry = raster.geometry
         self.reads = 0
 
-    def read(self, window: Window) -> np.ndarray:
+    def read_bands(self, window: Window) -> Iterator[np.ndarray]:
         self.reads += 1
-        return self.inner.read(window)
+        return self.inner.read_bands(window)
 
 
 def test_the_lazy_array_reads_nothing_before_it_is_due(tmp_path):

@@ -13,6 +13,7 @@ import numpy as np
 
 from tilepipe.engine.options import RunOptions
 from tilepipe.engine.progress import Progress, Silent
+from tilepipe.io.paths import local_output
 
 BUFFER = 3.0
 """Buffer of the demo's score in metres."""
@@ -59,6 +60,7 @@ def run_demo(out: Path, *, size: int = 2048, seed: int = 0, progress: Progress |
     from tilepipe.synthetic import City, write_city
 
     progress = progress or Silent()
+    out = local_output(out)
     start = time.perf_counter()
     # the first time the kernels of streets are compiled beside those of the city
     beside = [

@@ -8,8 +8,8 @@ from typing import Annotated
 import typer
 
 Rasters = Annotated[
-    list[Path],
-    typer.Argument(metavar="RASTER", help="Rasters (GeoTIFF, COG, VRT, Zarr); several are one mosaic."),
+    list[str],
+    typer.Argument(metavar="RASTER", help="Rasters (GeoTIFF, COG, VRT, Zarr), paths or URLs; several are one mosaic."),
 ]
 RunFolder = Annotated[Path | None, typer.Option(help="Folder of the run; not needed with --plan.")]
 Tile = Annotated[int, typer.Option(help="Tile size in pixels.")]

@@ -6,7 +6,6 @@ import inspect
 import sys
 import tomllib
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -75,7 +74,7 @@ def _pipeline_command(name: str) -> Any:
     parameters = [item.replace(kind=inspect.Parameter.KEYWORD_ONLY) for item in (rasters, out, *own, *shared)]
 
     def command(**values: Any) -> None:
-        further = {item.name: [str(path) for path in values.pop(item.option) or []] for item in inputs}
+        further = {item.name: values.pop(item.option) or [] for item in inputs}
         bands = _given({item.band_option: values.pop(item.band_option) for item in inputs})
         _carry_out(name, further | bands, **values)
 
@@ -88,7 +87,7 @@ def _input_options(item: Input) -> list[inspect.Parameter]:
     return [
         inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=annotation)
         for name, annotation in (
-            (item.option, Annotated[list[Path] | None, typer.Option(help=item.meaning)]),
+            (item.option, Annotated[list[str] | None, typer.Option(help=item.meaning, metavar="RASTER")]),
             (item.band_option, Annotated[int | None, typer.Option(help=band)]),
         )
     ]
@@ -137,7 +136,7 @@ def _carry_out(
     record = {
         "command": name,
         "out": str(out) if out else "",
-        "inputs": {"rasters": [str(path) for path in rasters], **further, **_given({"crs": crs, "band": band})},
+        "inputs": {"rasters": list(rasters), **further, **_given({"crs": crs, "band": band})},
         "options": _given(options),
         "parameters": assignments(set_ or []),
     }

@@ -11,6 +11,7 @@ import typer
 
 from tilepipe.cli.options import Crs, Memory, Quiet, Seed, Workers
 from tilepipe.errors import InputError
+from tilepipe.io.paths import local_output
 
 if TYPE_CHECKING:
     from tilepipe.io.tables import VectorLayer
@@ -34,7 +35,7 @@ _BUFFER = 3.0
 
 
 def grid(
-    clouds: Annotated[list[Path], typer.Argument(help="LAS, LAZ or COPC files, or folders of them.")],
+    clouds: Annotated[list[str], typer.Argument(help="LAS, LAZ or COPC files, or folders of them.")],
     out: Annotated[Path, typer.Option(help="GeoTIFF to write.")],
     resolution: Annotated[float, typer.Option(help="Cell size in metres.")] = 0.5,
     value: Annotated[Literal["height", "intensity"], typer.Option(help="What to grid.")] = "height",
@@ -200,7 +201,7 @@ def report(folder: Annotated[Path, typer.Argument(help="Folder of a finished run
     from tilepipe.engine.pipeline import DEFAULT_PICTURES
     from tilepipe.pipelines import registry
 
-    if not folder.is_dir():
+    if not local_output(folder).is_dir():
         raise InputError(f"{folder}: no such folder; give the folder of a finished run")
     able = registry.pipelines_of(folder)
     made = next((item for item in able if any((folder / name).is_file() for name in item.layers[0].files)), None)

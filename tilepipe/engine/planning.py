@@ -51,6 +51,7 @@ class Plan:
     global_memory: int
     export_memory: int
     limit: int
+    elsewhere: tuple[str, ...] = ()
 
     @property
     def memory(self) -> int:
@@ -125,6 +126,7 @@ class Plan:
             f"(libraries {format_memory(_BASE)}, global facts {format_memory(self.global_memory)}); "
             f"limit {format_memory(self.limit)}"
         )
+        lines += [f"reads {name}" for name in self.elsewhere]
         if self.memory > self.limit:
             lines.append("this is more than --memory allows: the run would be refused")
         return "\n".join(lines)

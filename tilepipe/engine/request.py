@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import inspect
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -20,12 +20,13 @@ from tilepipe.engine.options import RunOptions
 from tilepipe.engine.parameters import checked_parameters
 from tilepipe.engine.pipeline import Pipeline, Setting
 from tilepipe.engine.planning import Plan, plan_run
-from tilepipe.engine.run import absolute_name
 from tilepipe.engine.run_folder import Record, Uses
+from tilepipe.engine.unchanged import INPUT_FILES
 from tilepipe.errors import InputError
 from tilepipe.io.bands import Choice
+from tilepipe.io.paths import absolute_name
 from tilepipe.io.raster import Raster, check_aligned, open_bands, open_raster
-from tilepipe.io.sources import files_behind
+from tilepipe.io.sources import Source
 from tilepipe.tiling.grid import TileGrid, Window
 from tilepipe_kernels.core.arrays import Backend
 
@@ -67,6 +68,17 @@ class Opened:
     inputs: Mapping[str, AlignedRaster] = field(default_factory=dict)
     found: Mapping[str, Any] = field(default_factory=dict)
     source: Any = None
+
+    @property
+    def sources(self) -> list[Source]:
+        """All files and arrays that are read."""
+        rasters = [self.raster, *(item.raster for item in self.inputs.values())]
+        return list({id(member.source): member.source for raster in rasters for member in raster.members}.values())
+
+    @property
+    def elsewhere(self) -> tuple[str, ...]:
+        """What is read on the network, and files that a VRT takes for raw pixels, whatever they are."""
+        return tuple(dict.fromkeys(name for source in self.sources for name in source.elsewhere))
 
 
 OpenInputs = Callable[[list[Any], Mapping[str, Given], Any, str | None, int | None], Opened]
@@ -199,27 +211,25 @@ class Request:
 
     def plan(self) -> Plan:
         """What a run will do and need."""
-        return plan_run(self.pipeline, self.setting, self.options)
+        return replace(plan_run(self.pipeline, self.setting, self.options), elsewhere=self.opened.elsewhere)
 
     @property
     def uses(self) -> Uses:
         """Files that the run reads, those behind a VRT among them, and names of those that it may publish."""
-        rasters = [self.opened.raster, *(item.raster for item in self.opened.inputs.values())]
-        paths = [path for raster in rasters for name in raster.names if (path := Path(name)).exists()]
-        inputs = (file for path in paths for file in (path, *files_behind(path)))
+        inputs = (path for source in self.opened.sources for path in source.paths)
         return Uses(tuple(dict.fromkeys(inputs)), tuple(name for item in self.pipeline.layers for name in item.files))
 
     def identity(self) -> Record:
         """Everything that decides the state on disk."""
-        rasters = [self.opened.raster, *(item.raster for item in self.opened.inputs.values())]
-        sources = [member.source for raster in rasters for member in raster.members]
+        sources = self.opened.sources
         of_device = {"backend": self.backend} if self.backend == "cupy" else {}
         own_code = {} if _is_own(self.pipeline) else {"code": _fingerprint(self.pipeline)}
         return (
             {
                 "command": self.pipeline.name,
                 "version": __version__,
-                "sources": [f"{absolute_name(source.name)} {source.stamp}" for source in sources],
+                "sources": [absolute_name(source.name) for source in sources],
+                INPUT_FILES: [line for source in sources for line in source.lines],
                 "raster": asdict(self.opened.raster.geometry)
                 | {"tile": list(self.grid.tile_shape), "band": self.band}
                 | dict(self.bands),
@@ -242,6 +252,7 @@ class Request:
             "command": self.pipeline.name,
             "version": __version__,
             "out": str(Path(out).absolute()),
+            "elsewhere": list(self.opened.elsewhere) or None,
             "inputs": inputs | {"crs": self.crs, "band": self.band} | dict(self.bands),
             "raster": asdict(raster.geometry) | {"tile": list(self.grid.tile_shape)} | dict(self.opened.found),
             "options": options,

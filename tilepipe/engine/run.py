@@ -23,19 +23,15 @@ from tilepipe.engine.tiles.executors import Executor, open_executor
 from tilepipe.engine.tiles.ledger import Ledger
 from tilepipe.engine.tiles.passes import BoundPass, run_pass
 from tilepipe.errors import InputError
+from tilepipe.io.identity import ChangedInputError
 from tilepipe.io.record import STATE
+from tilepipe.io.sources import Source
 from tilepipe_kernels.core.cache import listening
 
 _GDAL_CACHE = 64
 """GDAL's cache of decoded blocks in MiB; its own choice grows with the machine and would break the memory plan."""
 
 Result = TypeVar("Result")
-
-
-def absolute_name(name: str) -> str:
-    """A path as it can be found from anywhere; the name of an array as it is."""
-    path = Path(name)
-    return str(path.absolute()) if path.exists() else name
 
 
 class Run:
@@ -87,7 +83,13 @@ class Run:
 
 @contextmanager
 def open_run(
-    folder: Path, record: Record, identity: Record, options: RunOptions, progress: Progress, uses: Uses | None = None
+    folder: Path,
+    record: Record,
+    identity: Record,
+    options: RunOptions,
+    progress: Progress,
+    uses: Uses | None = None,
+    sources: Sequence[Source] = (),
 ) -> Iterator[Run]:
     """Begin a run in a folder, or resume it.
 
@@ -105,6 +107,8 @@ def open_run(
         Told about progress.
     uses
         What the run reads and publishes.
+    sources
+        Inputs; finished tiles are used only if these are still what they have read.
 
     Raises
     ------
@@ -120,7 +124,7 @@ def open_run(
         folder.mkdir(parents=True, exist_ok=True)
         try:
             with held(folder, folder / STATE) as lock:
-                yield from _held_run(folder, record, identity, options, progress, uses, lock)
+                yield from _held_run(folder, record, identity, options, progress, uses, sources, lock)
         except InputError:
             # all is as it was before the refusal; what holds something stays
             with suppress(OSError):
@@ -138,12 +142,13 @@ def _held_run(
     options: RunOptions,
     progress: Progress,
     uses: Uses,
+    sources: Sequence[Source],
     lock: RunLock,
 ) -> Iterator[Run]:
     try:
         # another process may have finished in between
         check_folder(folder, uses, overwrite=options.overwrite)
-        state, began = begin(folder, record, identity, overwrite=options.overwrite)
+        state, began = begin(folder, record, identity, sources, overwrite=options.overwrite)
     except InputError:
         if read_identity(folder / STATE) is None:
             remove_state(folder)
@@ -155,6 +160,9 @@ def _held_run(
             open_executor(options.executor, options.workers) as executor,
         ):
             yield Run(folder, state, lock, options, executor, progress)
+    except ChangedInputError:
+        # tiles that were finished before are good if the input turns out to be the same
+        raise
     except InputError:
         if began and _passes_with_facts(state) <= 1:
             remove_state(folder)

@@ -22,17 +22,19 @@ import re
 import secrets
 import shutil
 import tomllib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from tilepipe.engine.run_lock import LOCK, OWNER, held, is_marked
+from tilepipe.engine.unchanged import INPUT_FILES, changed_input
 from tilepipe.errors import InputError
 from tilepipe.io.atomic import atomic_write_bytes, flush_folder, is_aside
 from tilepipe.io.manifest import Written, from_table, refuse_foreign
 from tilepipe.io.record import PICTURES, RECORD, STATE, TIMINGS, as_toml, check_record, read_record, read_toml
+from tilepipe.io.sources import Source
 
 IDENTITY = "identity.toml"
 FILES = "files.toml"
@@ -159,8 +161,12 @@ def read_identity(state: Path) -> tuple[str, Record] | None:
     return (token, identity) if is_marked(state) and (state / token).is_dir() else None
 
 
-def begin(folder: Path, record: Record, identity: Record, *, overwrite: bool) -> tuple[Path, bool]:
+def begin(
+    folder: Path, record: Record, identity: Record, sources: Sequence[Source] = (), *, overwrite: bool
+) -> tuple[Path, bool]:
     """Resume the state that has this identity, or begin an empty one; the caller holds the lock.
+
+    ``sources`` are the inputs: finished tiles are used only if these are still what they have read.
 
     Returns
     -------
@@ -176,10 +182,17 @@ def begin(folder: Path, record: Record, identity: Record, *, overwrite: bool) ->
     found = read_identity(state)
     if found is not None:
         token, earlier = found
-        differences = _differences(tomllib.loads(as_toml(identity).decode()), earlier)
-        if not differences:
+        # whether the files are the same is more than a comparison of texts
+        now = tomllib.loads(as_toml(identity).decode()) | {INPUT_FILES: earlier.get(INPUT_FILES)}
+        differences = _differences(now, earlier)
+        changed = None if differences else changed_input(earlier.get(INPUT_FILES, []), sources, state / token)
+        if not differences and changed is None:
+            # they may have been written again as they were
+            write_identity(state, token, identity)
             _clear(state, keep=(RECORD, IDENTITY, FILES, token))
             return state / token, False
+        if changed is not None and not overwrite:
+            raise InputError(f"{folder}: holds an unfinished run, but {changed}; start anew with --overwrite")
         if not overwrite:
             raise InputError(
                 f"{folder}: holds an unfinished run that differs in {', '.join(differences)}; "
@@ -191,8 +204,13 @@ def begin(folder: Path, record: Record, identity: Record, *, overwrite: bool) ->
     token = secrets.token_hex(16)
     (state / token).mkdir()
     atomic_write_bytes(state / RECORD, as_toml(record), durable=True)
-    atomic_write_bytes(state / IDENTITY, as_toml({"token": token, "identity": identity}), durable=True)
+    write_identity(state, token, identity)
     return state / token, True
+
+
+def write_identity(state: Path, token: str, identity: Record) -> None:
+    """Note whose a state is."""
+    atomic_write_bytes(state / IDENTITY, as_toml({"token": token, "identity": identity}), durable=True)
 
 
 def write_log(folder: Path, files: Iterable[Written]) -> None:

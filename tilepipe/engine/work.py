@@ -25,6 +25,7 @@ from tilepipe.errors import InputError
 from tilepipe.io.cog import write_cog
 from tilepipe.io.formats import convert
 from tilepipe.io.georeference import Geometry
+from tilepipe.io.paths import local_output
 from tilepipe.io.raster import Raster
 from tilepipe.tiling.grid import TileGrid, Window
 from tilepipe_kernels.core.arrays import Backend, why_no_device
@@ -237,20 +238,24 @@ def run_pipeline(
     TileError
         When tiles failed; the finished ones are kept for the next try.
     """
+    folder = local_output(out).absolute()
     request = checked_request(pipeline, rasters, inputs or {}, params, crs, band, options)
+    sources = request.opened.sources
     options = request.options
     plan = request.plan()
     plan.check(options)
     if request.backend == "cupy" and not options.uses_cluster:
         plan.check_device(device_memory(), options)
-    record = request.record(out)
+    record = request.record(folder)
     # a second process that compiles is in no plan
     here = request.backend == "numpy" and not options.uses_cluster
     warm_up = pipeline.warm_up if here and plan.has_room else ""
     with (
         compiled_beside(warm_up),
-        open_run(Path(out).absolute(), record, request.identity(), options, progress or Silent(), request.uses) as run,
+        open_run(folder, record, request.identity(), options, progress or Silent(), request.uses, sources) as run,
     ):
         layers = _whole_layers(pipeline, pipeline.recipe(Work(request, run)))
+        for source in sources:
+            source.check()
         run.publish(layers, record)
         return [run.folder / layer.name for layer in layers]

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +15,10 @@ from numpy.typing import NDArray
 from tilepipe.errors import InputError
 from tilepipe.io.bands import Bands, Choice
 from tilepipe.io.georeference import Geometry, check_geometry
+from tilepipe.io.identity import changed, digest_of
 from tilepipe.io.packing import Packing, packing_of, unpack_bands
+from tilepipe.io.paths import is_local, one_line
+from tilepipe.io.stores import Axis, StoreFiles, store_files
 from tilepipe.tiling.grid import Window
 
 if TYPE_CHECKING:
@@ -53,25 +57,55 @@ class ArraySource:
     geometry: Geometry
     array: Any
     packings: tuple[Packing, ...]
-    files: str | None = None
+    files: StoreFiles | None = None
+
+    @cached_property
+    def content(self) -> str:
+        """Digest of the files of a store, of the name of the graph of a lazy array, of the values of any other."""
+        if self.files is not None:
+            return self.files.content
+        return digest_of(str(self.array.data.name) if self.array.chunks is not None else self._checksum())
 
     @property
     def stamp(self) -> str:
-        """Stamp of the files of a store, name of the graph of a lazy array, checksum of the values of any other."""
+        """Digest of all that is known of the files of a store; else as `content`."""
+        return self.files.stamp if self.files is not None else self.content
+
+    @property
+    def lines(self) -> list[str]:
+        """What tells in the record of an unfinished run whether this is still the same array."""
+        return self.files.lines if self.files is not None else [f"{self.array.nbytes} - {self.content} {self.name}"]
+
+    @property
+    def is_known(self) -> bool:
+        """Whether the stamp tells all: not what an array held while tiles read it, nor what a graph will compute."""
+        return self.files is not None
+
+    @property
+    def paths(self) -> tuple[Path, ...]:
+        """Folder of a store."""
+        return (Path(self.files.path),) if self.files is not None else ()
+
+    @property
+    def elsewhere(self) -> tuple[str, ...]:
+        """What is read on the network."""
+        return () if self.files is not None or self.name == ARRAY else (self.name,)
+
+    def check(self, window: Window | None = None) -> None:
+        """See `tilepipe.io.sources.Source.check`; an array in memory is compared as a whole, at the end."""
         if self.files is not None:
-            return self.files
-        if self.array.chunks is not None:
-            return str(self.array.data.name)
+            self.files.check(window)
+        elif window is None and self.array.chunks is None and digest_of(self._checksum()) != self.content:
+            raise changed(self.name, written=False)
+
+    def _checksum(self) -> str:
+        """Checksum of the values of an array in memory."""
         total = 0
         for plane in self.array:
             for top in range(0, plane.shape[0], _ROWS):
                 rows = np.ascontiguousarray(plane[top : top + _ROWS].data)
                 total = zlib.crc32(rows.view(np.uint8).data, total)
         return f"{total:08x}"
-
-    def read(self, window: Window) -> NDArray[np.float32]:
-        """See `Source.read`."""
-        return next(self.read_bands(window))
 
     def read_bands(self, window: Window) -> Iterator[NDArray[np.float32]]:
         """See `Source.read_bands`."""
@@ -211,14 +245,20 @@ def _transform(array: Any, name: str) -> tuple[float, ...]:
     return tuple(array.rio.transform(recalc=True))[:6]
 
 
-def zarr_source(path: Path, *, crs: str | None, choice: Choice) -> ArraySource:
-    """A source over the only raster variable of a Zarr store; errors as for `array_source`."""
+def zarr_source(path: str, *, crs: str | None, choice: Choice) -> ArraySource:
+    """A source over the only raster variable of a Zarr store, also of one on a server; errors as for `array_source`."""
     import xarray as xr
 
     try:
         dataset = xr.open_zarr(path, mask_and_scale=False, decode_coords="all", consolidated=False)
+    except ImportError as error:
+        raise InputError(f"{path}: cannot be read without another package: {one_line(error)}") from error
     except Exception as error:
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        reason = one_line(error)
+        if not is_local(path):
+            raise InputError(
+                f"{path}: is no Zarr store that can be read ({reason}); check the address and the network"
+            ) from error
         raise InputError(
             f"{path}: is a folder but no Zarr raster ({reason}); name raster files, or a store that xarray can open"
         ) from error
@@ -226,4 +266,12 @@ def zarr_source(path: Path, *, crs: str | None, choice: Choice) -> ArraySource:
     if len(names) != 1:
         found = ", ".join(names) or "none"
         raise InputError(f"{path}: must hold one raster variable, it holds {found}; keep only one")
-    return array_source(dataset[names[0]], str(path), crs=crs, choice=choice)
+    stored = dataset[names[0]]
+    source = array_source(stored, path, crs=crs, choice=choice)
+    if not is_local(path):
+        return source
+    _, y, x = source.array.dims
+    upside_down = y in stored.coords and bool(stored[y][0] != source.array[y][0])
+    roles: dict[Any, Axis] = {y: "-y" if upside_down else "y", x: "x"}
+    axes = [roles.get(dim, "all") for dim in stored.dims]
+    return replace(source, files=store_files(Path(path), path, names[0], axes))

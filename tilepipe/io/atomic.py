@@ -17,6 +17,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from tilepipe.errors import InputError
+from tilepipe.io.paths import local_output
 
 _REMEDY = {
     errno.ENOSPC: "the disk is full; free some space or choose another folder",
@@ -62,7 +63,7 @@ def atomic_write(final: str | os.PathLike[str]) -> Iterator[Path]:
     >>> Path("notes.txt").read_text()
     'whole'
     """
-    final = Path(final)
+    final = local_output(final)
     folder, lock = final.parent, None
     try:
         check_replaceable(final)

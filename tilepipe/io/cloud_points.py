@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from tilepipe.errors import InputError
 from tilepipe.io.clouds import Cloud
+from tilepipe.io.identity import ChangedInputError
 from tilepipe_kernels.points.duplicates import fingerprints
 
 Value = Literal["height", "intensity"]
@@ -73,7 +74,7 @@ def read_points(
     Raises
     ------
     InputError
-        Naming the file, if it is cut off or damaged.
+        Naming the file, if it is cut off or damaged, or has changed since its header was read.
     """
     backend = LazBackend.LazrsParallel if parallel else LazBackend.Lazrs
     left = cloud.points
@@ -87,10 +88,23 @@ def read_points(
                 left -= wanted
                 keep = point_filter.keep(chunk)
                 yield wanted, chunk if keep.all() else chunk[keep]
+        _check_unchanged(cloud)
     except InputError:
+        _check_unchanged(cloud)
         raise
     except Exception as error:
+        _check_unchanged(cloud)
         raise InputError(f"{cloud.path}: damaged or cut off ({error}); get a fresh copy") from error
+
+
+def _check_unchanged(cloud: Cloud) -> None:
+    """Of a file that is being replaced, what it seems to hold tells nothing."""
+    try:
+        cloud.files.check()
+    except ChangedInputError as error:
+        raise InputError(
+            f"{cloud.path}: has changed since its header was read; run again when nothing writes to it any more"
+        ) from error
 
 
 def raw_coordinates(points: Any) -> tuple[NDArray[np.int32], NDArray[np.int32]]:

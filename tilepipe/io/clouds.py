@@ -13,6 +13,8 @@ from pyproj.exceptions import CRSError
 
 from tilepipe.errors import InputError
 from tilepipe.io.georeference import check_named_crs, split_crs
+from tilepipe.io.identity import Files, files_of
+from tilepipe.io.paths import is_local, location
 
 _VERTICAL_CRS_KEY, _VERTICAL_UNIT_KEY = 4096, 4099
 _UNIT_NAMES = {9001: "metre", 9002: "foot", 9003: "US survey foot"}
@@ -34,6 +36,8 @@ class Cloud:
         Horizontal part of the CRS, or None if the header names none.
     vertical_unit
         Unit of heights by name, or None if the header names none.
+    files
+        The file as it was when its header was read.
     """
 
     path: Path
@@ -42,6 +46,7 @@ class Cloud:
     offsets: tuple[float, float, float]
     crs: CRS | None
     vertical_unit: str | None
+    files: Files
 
 
 def metres_per_unit(crs: CRS) -> float:
@@ -96,7 +101,7 @@ def find_clouds(paths: Sequence[str | Path]) -> list[Path]:
     Raises
     ------
     InputError
-        Naming the folder that holds none.
+        Naming the folder that holds none, or what is no path of this machine.
 
     Examples
     --------
@@ -108,7 +113,10 @@ def find_clouds(paths: Sequence[str | Path]) -> list[Path]:
     ['a.las', 'b.laz']
     """
     found: set[Path] = set()
-    for path in map(Path, paths):
+    for named in paths:
+        if not is_local(named):
+            raise InputError(f"{location(named)}: point clouds are read from a local disk; download it first")
+        path = Path(location(named))
         if path.is_dir():
             inside = [file.resolve() for file in path.iterdir() if file.suffix.lower() in (".las", ".laz")]
             if not inside:
@@ -142,6 +150,7 @@ def read_cloud(path: str | Path) -> Cloud:
     if not path.is_file():
         raise InputError(f"{path}: no such file")
     try:
+        files = files_of(str(path), [(str(path), None)])
         with laspy.open(path) as reader:
             header = reader.header
             count = int(header.point_count)
@@ -155,7 +164,7 @@ def read_cloud(path: str | Path) -> Cloud:
     # the bounding box is not looked at: writers leave it at zero, at that of the tile, or rounded
     if not ((scales > 0).all() and np.isfinite(scales).all() and np.isfinite(offsets).all()):
         raise InputError(f"{path}: scales or offsets in the header make no sense; repair it")
-    return Cloud(path, count, tuple(scales.tolist()), tuple(offsets.tolist()), crs, vertical_unit)
+    return Cloud(path, count, tuple(scales.tolist()), tuple(offsets.tolist()), crs, vertical_unit, files)
 
 
 def common_crs(clouds: Sequence[Cloud], crs: str | CRS | None = None) -> tuple[CRS, str]:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from tilepipe.errors import InputError
 from tilepipe.io.bands import Choice
 from tilepipe.io.georeference import ROUNDING, Geometry, same_unit
+from tilepipe.io.reads import bands_noted
 from tilepipe.io.sources import Source, open_source
 from tilepipe.tiling.grid import Window
 
@@ -67,11 +68,11 @@ class Raster:
         """
         touched = [m for m in self.members if not m.window.intersection(window).is_empty]
         if len(touched) == 1 and touched[0].window.intersection(window) == window:
-            return touched[0].source.read(window.relative_to(touched[0].window))
+            return next(bands_noted(touched[0].source, window.relative_to(touched[0].window)))
         block = np.full(window.shape, np.nan, np.float32)
         for member in touched:
             part = member.window.intersection(window)
-            _lay(block, window, member.source.read(part.relative_to(member.window)), part)
+            _lay(block, window, next(bands_noted(member.source, part.relative_to(member.window))), part)
         return block
 
     def read_bands(self, window: Window) -> Iterator[NDArray[np.float32]]:
@@ -81,7 +82,7 @@ class Raster:
         """
         touched = [m for m in self.members if not m.window.intersection(window).is_empty]
         parts = [member.window.intersection(window) for member in touched]
-        found = [m.source.read_bands(part.relative_to(m.window)) for m, part in zip(touched, parts, strict=True)]
+        found = [bands_noted(m.source, part.relative_to(m.window)) for m, part in zip(touched, parts, strict=True)]
         for _ in range(self.bands):
             block = np.full(window.shape, np.nan, np.float32)
             for values, part in zip(found, parts, strict=True):

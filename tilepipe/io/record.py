@@ -19,7 +19,7 @@ STATE = ".state"
 """Folder of an unfinished run, in the folder of the run."""
 
 TABLES = ("inputs", "raster", "options", "parameters", "files")
-KNOWN = ("command", "version", "out", *TABLES)
+KNOWN = ("command", "version", "out", "elsewhere", *TABLES)
 """What a record may hold."""
 
 

@@ -6,8 +6,9 @@ import os
 import threading
 import warnings
 from collections import OrderedDict
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -18,7 +19,11 @@ from tilepipe.errors import InputError
 from tilepipe.io.arrays import ARRAY, array_source, zarr_source
 from tilepipe.io.bands import Choice
 from tilepipe.io.file_bands import bands_of, read_bands
+from tilepipe.io.gdal_options import input_options
 from tilepipe.io.georeference import Geometry, check_geometry
+from tilepipe.io.identity import PAM, Files, digest_of, file_state, files_of
+from tilepipe.io.paths import absolute_name, file_of, gdal_name, is_local, is_remote, location, one_line
+from tilepipe.io.vrt import Behind, files_behind, vrt_text
 from tilepipe.tiling.grid import Window
 
 if TYPE_CHECKING:
@@ -44,16 +49,41 @@ class Source(Protocol):
         ...
 
     @property
-    def stamp(self) -> str:
-        """Changes when the content does (size and time of change of a file)."""
+    def content(self) -> str:
+        """Digest of what it holds, as far as that can be known without reading all, whenever it was written."""
         ...
 
-    def read(self, window: Window) -> NDArray[np.float32]:
-        """Values of ``window`` (inside the source's shape) with NaN for nodata, of the first band that was chosen."""
+    @property
+    def stamp(self) -> str:
+        """Digest of all that is known of it: changes when it is written to."""
+        ...
+
+    @property
+    def lines(self) -> list[str]:
+        """Size, time, digest and name of each file behind it, for the record of an unfinished run."""
+        ...
+
+    @property
+    def is_known(self) -> bool:
+        """Whether an equal stamp proves that it is the same; else only reading it again does."""
+        ...
+
+    @property
+    def paths(self) -> tuple[Path, ...]:
+        """Files and folders of this machine that are read."""
+        ...
+
+    @property
+    def elsewhere(self) -> tuple[str, ...]:
+        """What is read on the network, and files that a VRT takes for raw pixels, whatever they are."""
         ...
 
     def read_bands(self, window: Window) -> Iterator[NDArray[np.float32]]:
-        """Values of each band that was chosen; NaN where the pixel that they make up is void, in all bands alike."""
+        """Values of a window, band after band; NaN where the pixel that they make up is void, in all bands alike."""
+        ...
+
+    def check(self, window: Window | None = None) -> None:
+        """Raise `tilepipe.io.identity.ChangedInputError` when what is behind a window, or all, has changed."""
         ...
 
 
@@ -61,16 +91,16 @@ def open_source(item: str | Path | xr.DataArray, *, crs: str | None, choice: Cho
     """Open one input of a mosaic; see `open_raster`."""
     if not isinstance(item, (str, Path)):
         return array_source(item, ARRAY, crs=crs, choice=choice)
-    path = Path(item)
-    if not path.exists():
+    name = location(item)
+    path = Path(name)
+    if is_local(name) and not path.exists():
         array = "; a run from an array in memory cannot be repeated from its record" if item == ARRAY else ""
         raise InputError(f"{path}: no such file; check the path{array}")
     if path.suffix.lower() in (".las", ".laz"):
-        raise InputError(f"{path}: is a point cloud; make a raster of it with tilepipe grid first")
-    if path.is_dir():
-        source = zarr_source(path, crs=crs, choice=choice)
-        return replace(source, files=_stamp(file for file in path.rglob("*") if file.is_file()))
-    return _file_source(path, crs=crs, choice=choice)
+        raise InputError(f"{name}: is a point cloud; make a raster of it with tilepipe grid first")
+    if path.is_dir() or (not is_local(name) and path.suffix.lower() == ".zarr"):
+        return zarr_source(name, crs=crs, choice=choice)
+    return _file_source(name, crs=crs, choice=choice)
 
 
 @dataclass(frozen=True)
@@ -81,11 +111,37 @@ class FileSource:
     geometry: Geometry
     path: str
     bands: tuple[int, ...]
-    stamp: str
+    files: Files
+    elsewhere: tuple[str, ...] = ()
 
-    def read(self, window: Window) -> NDArray[np.float32]:
-        """See `Source.read`."""
-        return next(self.read_bands(window))
+    @cached_property
+    def content(self) -> str:
+        """See `Source.content`."""
+        return digest_of(f"{self.files.content} {self.bands}")
+
+    @cached_property
+    def stamp(self) -> str:
+        """See `Source.stamp`."""
+        return self.files.stamp
+
+    @property
+    def lines(self) -> list[str]:
+        """See `Source.lines`."""
+        return self.files.lines
+
+    @property
+    def is_known(self) -> bool:
+        """See `Source.is_known`; some servers do not tell."""
+        return self.files.is_known
+
+    @property
+    def paths(self) -> tuple[Path, ...]:
+        """See `Source.paths`."""
+        return self.files.paths
+
+    def check(self, window: Window | None = None) -> None:
+        """See `Source.check`."""
+        self.files.check(window)
 
     def read_bands(self, window: Window) -> Iterator[NDArray[np.float32]]:
         """See `Source.read_bands`."""
@@ -95,9 +151,26 @@ class FileSource:
         part = FileWindow(window.left, window.top, window.columns, window.rows)
         place = f"rows {window.top}:{window.bottom}, columns {window.left}:{window.right}"
         try:
-            yield from read_bands(_dataset(self.path, self.stamp), self.bands, window=part)
+            values: Iterator[NDArray[np.float32]] | None = None
+            while True:
+                # options belong to the thread: they must not hold while somebody else uses a band
+                with input_options():
+                    values = values or read_bands(_dataset(self.path, self.stamp), self.bands, window=part)
+                    block = next(values, None)
+                if block is None:
+                    return
+                yield block
         except RasterioError as error:
-            raise InputError(f"{self.name}: is damaged, its {place} cannot be read; copy the file anew") from error
+            # a file that is being replaced is no damaged one
+            self.check(window)
+            raise InputError(f"{self.name}: {_unreadable(self.path, place, error)}") from error
+
+
+def _unreadable(path: str, place: str, error: Exception) -> str:
+    """What is wrong with a raster of which a part cannot be read, and what can be done about it."""
+    if is_remote(path):
+        return f"its {place} cannot be read ({one_line(error)}); check the network and run the same command again"
+    return f"is damaged, its {place} cannot be read; {'pack' if file_of(path) != path else 'copy'} the file anew"
 
 
 def _dataset(path: str, stamp: str) -> Any:
@@ -116,54 +189,66 @@ def _dataset(path: str, stamp: str) -> Any:
     return cache[key]
 
 
-def _stamp(files: Iterable[str | Path]) -> str:
-    """Changes when one of the files does: their number, their sizes and the last time of change."""
-    found = [status for status in map(_status, files) if status is not None]
-    return f"{len(found)}:{sum(s.st_size for s in found)}:{max((s.st_mtime_ns for s in found), default=0)}"
-
-
-def _status(file: str | Path) -> os.stat_result | None:
-    try:
-        return os.stat(file)
-    except OSError:
-        return None
-
-
-def _file_source(path: Path, *, crs: str | None, choice: Choice) -> FileSource:
+def _file_source(name: str, *, crs: str | None, choice: Choice) -> FileSource:
     import rasterio
     from rasterio.errors import NotGeoreferencedWarning, RasterioError
 
+    path = gdal_name(name)
+    path = absolute_name(path)
+    text = vrt_text(path)
+    # before opening, so that a missing source is named
+    behind = files_behind(path, text) if text is not None else []
+    before = file_state(path)
     try:
-        with warnings.catch_warnings():
+        with warnings.catch_warnings(), input_options():
             # a file without georeferencing is refused below
             warnings.simplefilter("ignore", NotGeoreferencedWarning)
             dataset = rasterio.open(path)
         with dataset:
-            bands = choice.of(bands_of(dataset), str(path))
+            bands = choice.of(bands_of(dataset), name)
             if any(np.dtype(dataset.dtypes[band - 1]).kind == "c" for band in bands):
-                raise InputError(f"{path}: holds complex numbers; use a raster of real values")
+                raise InputError(f"{name}: holds complex numbers; use a raster of real values")
             # without georeferencing rasterio reports the identity, which is south-up and would confuse the message
             transform = dataset.transform
             if dataset.crs is None and transform.is_identity:
-                raise InputError(f"{path}: has no georeferencing; give it an origin and a pixel size with gdal_edit")
+                raise InputError(f"{name}: has no georeferencing; give it an origin and a pixel size with gdal_edit")
             system = dataset.crs.to_wkt() if dataset.crs else None
             shape, unit = (dataset.height, dataset.width), dataset.units[bands[0] - 1]
-            geometry = check_geometry(str(path), system, tuple(transform)[:6], shape, crs, unit)
-            _check_whole(path, dataset, bands[0])
-            # the sources of a VRT count, statistics and overviews that other programs leave beside a file do not
-            files = [name for name in dataset.files if not name.endswith((".aux.xml", ".ovr"))]
+            geometry = check_geometry(name, system, tuple(transform)[:6], shape, crs, unit)
+            _check_whole(path, name, dataset, bands[0])
+            if text is None and dataset.driver == "VRT":
+                behind = files_behind(path, dataset.tags(ns="xml:VRT")["xml:VRT"])
+            beside = [file for file in dataset.files if not file.endswith((PAM, ".ovr"))]
     except RasterioError as error:
-        raise InputError(
-            f"{path}: is no raster that GDAL can read, or is damaged; use GeoTIFF, COG, VRT or Zarr, or copy it anew"
-        ) from error
-    return FileSource(str(path), geometry, str(path), bands, _stamp(files))
+        raise InputError(f"{name}: {_unopened(path, error)}") from error
+    known = {path, *(item.name for item in behind)}
+    parts = [(path, None), *((item.name, item.window) for item in behind)]
+    files = files_of(name, [*parts, *((file, None) for file in beside if file not in known)])
+    if files.files[0][1] != before:
+        raise InputError(f"{name}: has changed while it was opened; try again when nothing writes to it any more")
+    return FileSource(name, geometry, path, bands, files, _elsewhere(path, behind))
 
 
-def _check_whole(path: Path, dataset: Any, band: int) -> None:
+def _unopened(path: str, error: Exception) -> str:
+    """What is wrong with what GDAL cannot open, and what can be done about it."""
+    if is_remote(path):
+        return f"cannot be opened ({one_line(error)}); check the address, the network, and the right to read there"
+    if file_of(path) != path:
+        return f"cannot be opened in its archive ({one_line(error)}); check the path"
+    return "is no raster that GDAL can read, or is damaged; use GeoTIFF, COG, VRT or Zarr, or copy it anew"
+
+
+def _elsewhere(path: str, behind: Sequence[Behind]) -> tuple[str, ...]:
+    named = [(path, False), *((item.name, item.raw) for item in behind)]
+    found = [f"{name} (raw pixels)" if raw else name for name, raw in named if raw or is_remote(name)]
+    return tuple(dict.fromkeys(found))
+
+
+def _check_whole(path: str, name: str, dataset: Any, band: int) -> None:
     """Refuse a TIFF that ends before its last block does, as a broken transfer leaves it."""
-    if dataset.driver != "GTiff":
+    if dataset.driver != "GTiff" or file_of(path) != path:
         return
-    size, end, (rows, columns) = path.stat().st_size, 0, dataset.block_shapes[band - 1]
+    size, end, (rows, columns) = os.path.getsize(path), 0, dataset.block_shapes[band - 1]
     for row in range(-(-dataset.height // rows)):
         for column in range(-(-dataset.width // columns)):
             # a block that was never written has none of the two
@@ -173,35 +258,5 @@ def _check_whole(path: Path, dataset: Any, band: int) -> None:
             end = max(end, int(offset or 0) + int(length or 0))
     if end > size:
         raise InputError(
-            f"{path}: is damaged, it has {size:,} bytes but its pixels reach to {end:,}; copy the file anew"
+            f"{name}: is damaged, it has {size:,} bytes but its pixels reach to {end:,}; copy the file anew"
         )
-
-
-def files_behind(path: Path) -> list[Path]:
-    """All files that reading a raster file reads, itself and the sources of a VRT among them; none of a folder.
-
-    Examples
-    --------
-    >>> from pathlib import Path
-    >>> from tilepipe.io.sources import files_behind
-    >>> from tilepipe.synthetic import City, write_city
-    >>> city = write_city(".", City(rows=512, columns=512), layers=["intensity"], truth=False)
-    >>> files_behind(city["intensity"])
-    [PosixPath('intensity.tif')]
-    """
-    import rasterio
-    from rasterio.errors import RasterioError
-
-    found: list[Path] = []
-    pending = [path] if path.is_file() else []
-    while pending:
-        try:
-            with rasterio.open(pending.pop()) as dataset:
-                files = [Path(name) for name in dataset.files]
-        # what cannot be opened is refused where it is read
-        except RasterioError:
-            continue
-        new = [file for file in files if file not in found]
-        found += new
-        pending += [file for file in new if file.suffix.lower() == ".vrt" and file != path]
-    return found

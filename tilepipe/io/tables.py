@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tilepipe.errors import InputError
+from tilepipe.io.paths import is_local, location
 from tilepipe.io.vector_files import read_vector_file
 
 if TYPE_CHECKING:
@@ -106,7 +107,9 @@ def read_layer(source: str | os.PathLike[str] | VectorLayer, role: str, layer: s
     """
     if isinstance(source, VectorLayer):
         return source
-    path, name = Path(source), f"{role} {os.fspath(source)}"
+    path, name = Path(source), f"{role} {location(source)}"
+    if not is_local(source):
+        raise InputError(f"the {name} lies on a server; download it first and name the file")
     if is_folder(path):
         raise InputError(f"the {name} is a folder; name a file in it")
     if not path.exists():

@@ -22,7 +22,9 @@ from skimage.exposure import rescale_intensity
 from tilepipe.errors import InputError
 from tilepipe.io.atomic import atomic_write, atomic_write_bytes
 from tilepipe.io.file_bands import bands_of, read_bands
+from tilepipe.io.gdal_options import input_options
 from tilepipe.io.manifest import Written, as_table, from_table, refuse_foreign
+from tilepipe.io.paths import is_local
 from tilepipe.io.record import PICTURES, RECORD, as_toml, read_record
 from tilepipe.io.tables import LINES, POLYGONS, metres_per_unit, read_vectors, run_table
 
@@ -223,7 +225,10 @@ def _lie(folder: Path, raster: str | None, record: dict[str, Any]) -> tuple[Boun
 
 def _located(folder: Path, named: Sequence[str | os.PathLike[str]]) -> list[Path]:
     """Paths of a record, looked up from here and from the folder of the run."""
-    return [path if path.exists() or path.is_absolute() else folder / path for path in map(Path, named)]
+    return [
+        path if path.exists() or path.is_absolute() or not is_local(path) else folder / path
+        for path in map(Path, named)
+    ]
 
 
 def _is_readable(path: Path) -> bool:
@@ -231,7 +236,7 @@ def _is_readable(path: Path) -> bool:
     if not (path.is_file() or path.is_dir()):
         return False
     try:
-        with rasterio.open(path):
+        with input_options(), rasterio.open(path):
             return True
     except RasterioIOError:
         return False
@@ -241,7 +246,7 @@ def _paste(path: Path, mosaic: NDArray[np.float32], bounds: Bounds, band: int | 
     """Read what `path` shows of `bounds`, decimated, into `mosaic` in place."""
     rows, columns = mosaic.shape
     step_x, step_y = (bounds[2] - bounds[0]) / columns, (bounds[3] - bounds[1]) / rows
-    with rasterio.open(path) as raster:
+    with input_options(), rasterio.open(path) as raster:
         left, right = max(bounds[0], raster.bounds.left), min(bounds[2], raster.bounds.right)
         bottom, top = max(bounds[1], raster.bounds.bottom), min(bounds[3], raster.bounds.top)
         column0, column1 = round((left - bounds[0]) / step_x), round((right - bounds[0]) / step_x)

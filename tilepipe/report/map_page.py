@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from tilepipe.errors import InputError
+from tilepipe.io.paths import location
 from tilepipe.io.record import TIMINGS
 from tilepipe.report.finished_run import FinishedRun
 from tilepipe.report.map import INK
@@ -128,7 +129,7 @@ def write_map_page(run: FinishedRun, title: str, facts: str, layers: Sequence[Pi
             code="renderers.forEach((renderer, k) => { renderer.visible = switches.active.includes(k) })",
         ),
     )
-    notes = drawn.notes + [f"Input raster not found, drawn without it: {path}" for path in run.missing]
+    notes = drawn.notes + [f"Input raster not found, drawn without it: {location(path)}" for path in run.missing]
     script, parts = components((switches, drawn.plot))
     page = _PAGE.format(
         title=html.escape(title),

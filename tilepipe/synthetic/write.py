@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from tilepipe.errors import InputError
 from tilepipe.io.atomic import atomic_write, atomic_write_bytes
 from tilepipe.io.manifest import Written, as_table, from_table, refuse_foreign
+from tilepipe.io.paths import local_output
 from tilepipe.io.record import as_toml, read_record
 from tilepipe.synthetic.city import City
 from tilepipe.synthetic.layers import LAYERS, render_layers
@@ -93,7 +94,7 @@ def write_city(
         raise InputError(f"tile must be a multiple of {BLOCK} pixels, not {tile}")
     if workers < 1:
         raise InputError(f"workers must be at least 1, not {workers}")
-    folder = Path(folder)
+    folder = local_output(folder)
     folder.mkdir(parents=True, exist_ok=True)
     paths = {layer: folder / f"{layer}.tif" for layer in layers}
     if truth:

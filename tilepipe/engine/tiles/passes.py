@@ -19,9 +19,14 @@ from tilepipe.engine.tiles.executors import Executor
 from tilepipe.engine.tiles.ledger import Ledger
 from tilepipe.engine.tiles.state import StateArray, is_whole
 from tilepipe.errors import InputError, TileError, WorkerError
+from tilepipe.io.identity import ChangedInputError
+from tilepipe.io.reads import noted_reads
 from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import Tile, TileGrid
 from tilepipe_kernels.core.arrays import Backend, to_host
+
+READS = "reads"
+"""Name of the fact that holds what a tile has read of the inputs; see `tilepipe.io.reads`."""
 
 _NEWS = 60
 """Longest that a network file system may show a folder as it was, in seconds: ``acdirmax`` of nfs(5)."""
@@ -66,8 +71,13 @@ class BoundPass:
 def _run_tile(bound: BoundPass, folder: Path, tile: Tile) -> int:
     """Compute one tile and record it; runs on a worker."""
     compute = partial(_facts_on_host, bound, tile)
-    facts = compute() if bound.backend == "numpy" else on_device(compute, tile, bound.device_memory)
-    Ledger(folder).record(tile.name, facts)
+    with noted_reads() as reads:
+        try:
+            facts = compute() if bound.backend == "numpy" else on_device(compute, tile, bound.device_memory)
+        finally:
+            # whatever came of it, what an input held half way while it was replaced tells nothing
+            reads.check()
+    Ledger(folder).record(tile.name, {**facts, READS: reads.table()})
     return tile.number
 
 
@@ -100,6 +110,8 @@ def run_pass(bound: BoundPass, state: Path, executor: Executor, progress: Progre
     ------
     TileError
         When tiles failed; all others are finished before it is raised, and it names them.
+    ChangedInputError
+        As soon as a tile finds an input changed; of no use to anyone, that tile is not recorded.
     """
     ledger = Ledger(state / bound.name)
     for array in bound.writes.values():
@@ -115,6 +127,8 @@ def run_pass(bound: BoundPass, state: Path, executor: Executor, progress: Progre
         if error is None:
             progress.advance(bound.name)
             computed.append(tile)
+        elif isinstance(error, ChangedInputError):
+            raise error
         else:
             failures.append((tile, error))
     failures += _unseen(ledger, computed)

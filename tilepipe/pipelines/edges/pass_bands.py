@@ -17,6 +17,8 @@ from tilepipe.errors import InputError
 from tilepipe.io.arrays import ARRAY, array_bands, bands_first
 from tilepipe.io.bands import Bands, Choice
 from tilepipe.io.file_bands import bands_of
+from tilepipe.io.gdal_options import input_options
+from tilepipe.io.paths import gdal_name, location
 from tilepipe.io.raster import Raster, open_bands, open_raster
 from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import Tile, Window
@@ -170,20 +172,20 @@ def open_photograph(inputs: Sequence[Any], *, crs: str | None, band: int | None,
 
 
 def _name(item: Any) -> str:
-    return str(item) if isinstance(item, (str, Path)) else ARRAY
+    return location(item) if isinstance(item, (str, Path)) else ARRAY
 
 
 def _bands(item: Any) -> Bands:
     """The bands of an input; none where only opening it tells, or says what is wrong."""
     if not isinstance(item, (str, Path)):
         return array_bands(bands_first(item, ARRAY))
-    if Path(item).is_dir():
+    if Path(location(item)).is_dir():
         return Bands(())
     import rasterio
     from rasterio.errors import RasterioError
 
     try:
-        with rasterio.open(item) as dataset:
+        with input_options(), rasterio.open(gdal_name(item)) as dataset:
             return bands_of(dataset)
     except RasterioError:
         return Bands(())

@@ -16,6 +16,7 @@ from tilepipe.errors import InputError
 from tilepipe.io.atomic import atomic_write, check_replaceable
 from tilepipe.io.cloud_points import PointFilter, Returns, Value
 from tilepipe.io.clouds import find_clouds
+from tilepipe.io.paths import local_output
 from tilepipe.pipelines.points.deal import deal_points, grid_tile
 from tilepipe.pipelines.points.extent import find_extent
 from tilepipe.pipelines.points.in_order import in_order
@@ -123,7 +124,7 @@ def grid_clouds(
     ...     heights.read(1).tolist()
     [[4.0, nan, 9.0]]
     """
-    out = Path(out)
+    out = local_output(out)
     check_replaceable(out)
     if (out.is_symlink() or out.exists()) and not overwrite:
         raise InputError(f"{out} exists; pass --overwrite to replace it")
