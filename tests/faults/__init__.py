@@ -1,0 +1,1 @@
+"""A simulator of faults: small runs whose files and tiles fail at any single point, and are then resumed."""
