@@ -98,11 +98,11 @@ class Choice:
             option = f"--{self.option.replace('_', '-')} n ({self.option}=n)"
             raise InputError(f"{name}: has {len(bands.image)} bands; choose one with {option}")
         numbers = numbers or bands.image
-        count = len(bands.image) + (bands.alpha is not None)
+        count = max((*bands.image, bands.alpha or 0))
         for number in numbers:
             if not 1 <= number <= count:
                 raise InputError(f"{name}: has no band {number}; it has {count}")
-            if number == bands.alpha:
+            if number not in bands.image:
                 others = ", ".join(map(str, bands.image)) or "none"
                 raise InputError(f"{name}: its band {number} is alpha, which is no image; choose another ({others})")
             if number in bands.palettes:

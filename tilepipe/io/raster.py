@@ -83,6 +83,9 @@ class Raster:
         touched = [m for m in self.members if not m.window.intersection(window).is_empty]
         parts = [member.window.intersection(window) for member in touched]
         found = [bands_noted(m.source, part.relative_to(m.window)) for m, part in zip(touched, parts, strict=True)]
+        if parts == [window]:
+            yield from found[0]
+            return
         for _ in range(self.bands):
             block = np.full(window.shape, np.nan, np.float32)
             for values, part in zip(found, parts, strict=True):

@@ -58,8 +58,10 @@ class Photograph:
             raise ValueError("the weights of the bands are not known yet")
         if self.weights == (1.0,):
             return self.raster.read(window)
-        grey = np.zeros(window.shape, np.float32)
-        for band, weight in zip(self.raster.read_bands(window), self.weights, strict=True):
+        first, *others = self.weights
+        bands = self.raster.read_bands(window)
+        grey = next(bands) * np.float32(first)
+        for band, weight in zip(bands, others, strict=True):
             grey += band * np.float32(weight)
         return grey
 
