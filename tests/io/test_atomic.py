@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
 
+from tilepipe.errors import InputError
 from tilepipe.io.atomic import atomic_write, atomic_write_bytes
 
 
@@ -45,4 +47,44 @@ def test_an_error_of_another_file_keeps_its_name(tmp_path: Path) -> None:
 def test_bytes_that_cannot_be_written_leave_nothing(tmp_path: Path) -> None:
     with pytest.raises(TypeError):
         atomic_write_bytes(tmp_path / "file", "no bytes")  # type: ignore[arg-type]
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_nothing_of_others_is_cleared(tmp_path: Path) -> None:
+    """Neither a folder of a like name, nor what a link points to, nor what a living writer holds."""
+    mine = tmp_path / "mine"
+    mine.mkdir()
+    (mine / "diary.txt").write_text("mine")
+    (tmp_path / ".a.txt.partial").mkdir()
+    (tmp_path / ".a.txt.partial" / "diary.txt").write_text("mine")
+    (tmp_path / ".tilepipe-0123456789abcdef.partial").symlink_to(mine)
+    (tmp_path / ".tilepipe-fedcba9876543210.partial").write_text("mine")
+    with atomic_write(tmp_path / "b.txt") as other:
+        other.write_text("half")
+        with atomic_write(tmp_path / "a.txt") as aside:
+            aside.write_text("new")
+        assert other.read_text() == "half"
+    found = {str(path.relative_to(tmp_path)): path.read_text() for path in tmp_path.rglob("*.txt")}
+    assert found == {
+        "a.txt": "new",
+        "b.txt": "half",
+        "mine/diary.txt": "mine",
+        ".a.txt.partial/diary.txt": "mine",
+    }
+    assert (tmp_path / ".tilepipe-0123456789abcdef.partial").is_symlink()
+    assert (tmp_path / ".tilepipe-fedcba9876543210.partial").read_text() == "mine"
+
+
+def test_only_files_are_replaced(tmp_path: Path) -> None:
+    (tmp_path / "folder").mkdir()
+    os.mkfifo(tmp_path / "pipe")
+    for name in ("folder", "pipe"):
+        with pytest.raises(InputError, match="it is no file but a folder or device"), atomic_write(tmp_path / name):
+            pass
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["folder", "pipe"]
+
+
+def test_a_folder_that_is_gone_stays_gone(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError):
+        atomic_write_bytes(tmp_path / "gone" / "file", b"late")
     assert list(tmp_path.iterdir()) == []

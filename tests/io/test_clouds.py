@@ -171,6 +171,16 @@ def test_damaged_files_are_named_and_leave_nothing(clouds, tmp_path, name, kind)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.las", "b.laz"]
 
 
+def test_a_cloud_is_not_replaced(clouds, tmp_path) -> None:
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    (tmp_path / "link.tif").symlink_to(clouds[0])
+    for out in (Path(clouds[0]), tmp_path / "link.tif"):
+        with pytest.raises(InputError, match="is one of the clouds"):
+            grid_clouds(clouds, out, overwrite=True)
+    (tmp_path / "link.tif").unlink()
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
 def test_bad_input_is_refused(clouds, tmp_path) -> None:
     empty = write(tmp_path / "empty.las", [], [], [])
     with pytest.raises(InputError, match="no points"):

@@ -180,7 +180,7 @@ def test_files_hold_the_layers_whatever_the_tiles_and_workers(whole: dict[str, n
     paths = write_city(tmp_path / "a", CITY, tile=512, workers=2, progress=lambda *step: seen.append(step))
     other = write_city(tmp_path / "b", CITY, tile=1024, workers=1)
     assert seen == [(n, 4) for n in range(1, 5)]
-    names = sorted(["city.toml", *(path.name for path in paths.values())])
+    names = sorted(["files.toml", *(path.name for path in paths.values())])
     assert sorted(path.name for path in (tmp_path / "a").iterdir()) == names
     for layer in ALL:
         with rasterio.open(paths[layer]) as file, rasterio.open(other[layer]) as again:

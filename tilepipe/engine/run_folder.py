@@ -32,7 +32,7 @@ from tilepipe.engine.run_lock import LOCK, OWNER, held, is_marked
 from tilepipe.engine.unchanged import INPUT_FILES, changed_input
 from tilepipe.errors import InputError
 from tilepipe.io.atomic import atomic_write_bytes, flush_folder, is_aside
-from tilepipe.io.manifest import Written, from_table, refuse_foreign
+from tilepipe.io.manifest import Written, from_table, read_manifest, refuse_foreign
 from tilepipe.io.record import PICTURES, RECORD, STATE, TIMINGS, as_toml, check_record, read_record, read_toml
 from tilepipe.io.sources import Source
 
@@ -111,10 +111,9 @@ def _lies(path: Path) -> bool:
 
 def known_files(folder: Path) -> list[Written]:
     """Files in the folder of a run that tilepipe has written there, by its records; not all of them need be there."""
-    files: list[Written] = []
-    for path in (folder / RECORD, folder / PICTURES):
-        if path.is_file():
-            files += from_table(read_record(path).get("files", {}))
+    files = read_manifest(folder / PICTURES)
+    if (folder / RECORD).is_file():
+        files += from_table(read_record(folder / RECORD).get("files", {}))
     files += _logged_files(folder)
     return [file for file in dict.fromkeys(files) if file.name != RECORD]
 

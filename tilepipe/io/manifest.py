@@ -14,6 +14,10 @@ from pathlib import Path
 from typing import Any
 
 from tilepipe.errors import InputError
+from tilepipe.io.atomic import atomic_write_bytes
+from tilepipe.io.record import as_toml, read_record
+
+_FOREIGN = "was not written by tilepipe or has changed since; move it away"
 
 _PIECE = 1 << 22
 """Bytes that are read at once."""
@@ -74,6 +78,35 @@ def from_table(table: dict[str, Any]) -> list[Written]:
     return [Written(name, entry["size"], entry["crc32"]) for name, entry in table.items()]
 
 
+def read_manifest(path: Path) -> list[Written]:
+    """Files that a manifest names, a file of TOML that holds nothing else; none where it is missing.
+
+    Raises
+    ------
+    InputError
+        It is another file, or damaged.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tilepipe.io.manifest import Written, read_manifest, write_manifest
+    >>> write_manifest(Path("files.toml"), [Written("streets.tif", size=5, crc32=7)])
+    >>> read_manifest(Path("files.toml"))
+    [Written(name='streets.tif', size=5, crc32=7)]
+    """
+    if not (path.is_symlink() or path.exists()):
+        return []
+    record = read_record(path)
+    if set(record) != {"files"}:
+        raise InputError(f"{path}: {_FOREIGN}")
+    return from_table(record["files"])
+
+
+def write_manifest(path: Path, files: Iterable[Written]) -> None:
+    """Write a manifest, which must be on disk before the files that it names appear; `read_manifest` reads it."""
+    atomic_write_bytes(path, as_toml({"files": as_table(files)}), durable=True)
+
+
 def refuse_foreign(folder: Path, names: Iterable[str], known: Iterable[Written]) -> None:
     """Refuse to replace or remove files of which it is not certain that tilepipe has written them.
 
@@ -107,7 +140,7 @@ def refuse_foreign(folder: Path, names: Iterable[str], known: Iterable[Written])
         if (path.is_symlink() or path.exists()) and not any(
             file.lies_in(folder) for file in known if file.name == name
         ):
-            raise InputError(f"{path}: was not written by tilepipe or has changed since; move it away")
+            raise InputError(f"{path}: {_FOREIGN}")
 
 
 def _crc32(path: Path) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -13,6 +14,7 @@ import numpy as np
 import rasterio
 from numpy.typing import NDArray
 from pyproj import CRS
+from pyproj.exceptions import CRSError
 from rasterio.enums import Resampling
 from rasterio.errors import RasterioIOError
 from rasterio.windows import from_bounds
@@ -20,12 +22,12 @@ from skimage.color import rgb2gray
 from skimage.exposure import rescale_intensity
 
 from tilepipe.errors import InputError
-from tilepipe.io.atomic import atomic_write, atomic_write_bytes
+from tilepipe.io.atomic import atomic_write
 from tilepipe.io.file_bands import bands_of, read_bands
 from tilepipe.io.gdal_options import input_options
-from tilepipe.io.manifest import Written, as_table, from_table, refuse_foreign
+from tilepipe.io.manifest import Written, read_manifest, refuse_foreign, write_manifest
 from tilepipe.io.paths import is_local
-from tilepipe.io.record import PICTURES, RECORD, as_toml, read_record
+from tilepipe.io.record import PICTURES, RECORD, read_record
 from tilepipe.io.tables import LINES, POLYGONS, metres_per_unit, read_vectors, run_table
 
 if TYPE_CHECKING:
@@ -115,14 +117,14 @@ class FinishedRun:
         InputError
             There is a file of this name that no report has made, or that was changed since.
         """
-        known = _pictures(self.folder)
+        known = read_manifest(self.folder / PICTURES)
         refuse_foreign(self.folder, [name], known)
         with atomic_write(self.folder / name) as aside:
             yield aside
             # what is recorded must be known before it is there
             (self.folder / name).unlink(missing_ok=True)
-            files = [*(file for file in known if file.name != name), Written.of(aside)]
-            atomic_write_bytes(self.folder / PICTURES, as_toml({"files": as_table(files)}), durable=True)
+            others = (file for file in known if file.name != name)
+            write_manifest(self.folder / PICTURES, (*others, Written.of(aside)))
 
     def raster(self, name: str, bounds: Bounds, shape: tuple[int, int]) -> np.ma.MaskedArray[Any, Any]:
         """A part of a raster layer, nearest pixel, as a picture of `shape` (rows, columns); nodata is masked."""
@@ -199,11 +201,6 @@ def open_folder(
     return FinishedRun(folder, bounds, shape, CRS.from_user_input(crs), metres, readable, missing, record)
 
 
-def _pictures(folder: Path) -> list[Written]:
-    path = folder / PICTURES
-    return from_table(read_record(path).get("files", {})) if path.is_file() else []
-
-
 def percentiles(values: NDArray[Any]) -> tuple[float, float]:
     """Percentiles 2 and 98 of what is known of an array; 0 and 1 where nothing is."""
     known = values[np.isfinite(values)]
@@ -220,7 +217,14 @@ def _lie(folder: Path, raster: str | None, record: dict[str, Any]) -> tuple[Boun
     if not {"shape", "left", "top", "pixel", "crs"} <= set(lie):
         raise InputError(f"{folder} holds no layer of a run; give the folder of a finished run")
     (rows, columns), left, top, pixel = lie["shape"], lie["left"], lie["top"], lie["pixel"]
-    return (left, top - rows * pixel, left + columns * pixel, top), (rows, columns), lie["crs"]
+    right, bottom = left + columns * pixel, top - rows * pixel
+    # far from zero a pixel may be lost in the digits
+    if not (left < right < math.inf and -math.inf < bottom < top):
+        raise InputError(f"{folder / RECORD}: its [raster] lies nowhere; correct it")
+    try:
+        return (left, bottom, right, top), (rows, columns), CRS.from_user_input(lie["crs"])
+    except CRSError:
+        raise InputError(f"{folder / RECORD}: its [raster] crs is none that is known; correct it") from None
 
 
 def _located(folder: Path, named: Sequence[str | os.PathLike[str]]) -> list[Path]:

@@ -13,10 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tilepipe.errors import InputError
-from tilepipe.io.atomic import atomic_write, atomic_write_bytes
-from tilepipe.io.manifest import Written, as_table, from_table, refuse_foreign
+from tilepipe.io.atomic import atomic_write
+from tilepipe.io.manifest import Written, read_manifest, refuse_foreign, write_manifest
 from tilepipe.io.paths import local_output
-from tilepipe.io.record import as_toml, read_record
 from tilepipe.synthetic.city import City
 from tilepipe.synthetic.layers import LAYERS, render_layers
 from tilepipe.synthetic.truth import truth_buildings, truth_centerlines
@@ -26,7 +25,7 @@ from tilepipe_kernels.city.layout import Window
 BLOCK = 512
 #: GDAL's cache in MiB; tiles are written whole, so it need only hold the blocks under way.
 CACHE = 64 << 20
-CITY_RECORD = "city.toml"
+MANIFEST = "files.toml"
 """Names the files that cities have left in a folder."""
 TRUTH = {"centerlines": truth_centerlines, "footprints": truth_buildings}
 PROFILES: dict[str, dict[str, Any]] = {
@@ -54,8 +53,8 @@ def write_city(
     Parameters
     ----------
     folder
-        Where to; made when missing.  Files that an earlier city has left there are replaced, by ``city.toml``, which
-        names them.
+        Where to; made when missing.  Files that an earlier city has left there, as ``files.toml`` names them, are
+        replaced.
     city
         The city.
     layers
@@ -99,7 +98,7 @@ def write_city(
     paths = {layer: folder / f"{layer}.tif" for layer in layers}
     if truth:
         paths |= {name: folder / f"{name}.parquet" for name in TRUTH}
-    known = _written(folder)
+    known = read_manifest(folder / MANIFEST)
     refuse_foreign(folder, [path.name for path in paths.values()], known)
     with ExitStack() as stack:
         asides = {name: stack.enter_context(atomic_write(path)) for name, path in paths.items()}
@@ -110,15 +109,8 @@ def write_city(
         # what is recorded must be known before it is there
         for path in paths.values():
             path.unlink(missing_ok=True)
-        files = {file.name: file for file in (*known, *new)}
-        atomic_write_bytes(folder / CITY_RECORD, as_toml({"files": as_table(files.values())}), durable=True)
+        write_manifest(folder / MANIFEST, {file.name: file for file in (*known, *new)}.values())
     return paths
-
-
-def _written(folder: Path) -> list[Written]:
-    """Files that earlier cities have left in a folder."""
-    path = folder / CITY_RECORD
-    return from_table(read_record(path).get("files", {})) if path.exists() else []
 
 
 def _write_rasters(
