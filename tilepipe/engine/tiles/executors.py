@@ -9,6 +9,7 @@ from __future__ import annotations
 import concurrent.futures
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any, Protocol
 
 from tilepipe.engine.tiles.workers.attempts import Item, Outcome, Result
@@ -20,7 +21,10 @@ from tilepipe.errors import InputError
 class Executor(Protocol):
     """What a pass needs of an executor."""
 
-    workers: int
+    @property
+    def workers(self) -> int:
+        """Number of items that are worked on at a time."""
+        ...
 
     def run(self, function: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Outcome[Item, Result]]:
         """Yield ``(item, result, error)`` for every item, in the order of completion."""
@@ -80,7 +84,7 @@ class ThreadExecutor:
 
 
 @contextmanager
-def open_executor(kind: str, workers: int) -> Iterator[Executor]:
+def open_executor(kind: str, workers: int, folder: Path | None = None) -> Iterator[Executor]:
     """Open the executor named on the command line and close it at the end.
 
     Parameters
@@ -88,14 +92,14 @@ def open_executor(kind: str, workers: int) -> Iterator[Executor]:
     kind
         ``threads``, ``processes``, or the address of a dask.distributed scheduler (``tcp://host:8786``).
     workers
-        Number of threads or processes; a cluster brings its own number.  The tile of a worker that is lost is
-        computed by another.  When all are lost the run waits for new ones, for as long as the scheduler's setting
-        ``distributed.scheduler.no-workers-timeout`` says.
+        Number of threads or processes; a cluster brings its own number.
+    folder
+        Folder that the workers of a cluster must share with this machine; None = none.
 
     Raises
     ------
     InputError
-        When ``kind`` is none of these or the scheduler cannot be reached.
+        When ``kind`` is none of these, the scheduler cannot be reached, or its workers cannot work.
 
     Examples
     --------
@@ -116,7 +120,7 @@ def open_executor(kind: str, workers: int) -> Iterator[Executor]:
         with ProcessExecutor[Any](workers) as processes:
             yield processes
     elif "://" in kind:
-        with open_cluster(kind) as cluster:
+        with open_cluster(kind, folder) as cluster:
             yield cluster
     else:
         raise InputError(f"executor '{kind}' is unknown: use threads, processes or the address tcp://host:port")
