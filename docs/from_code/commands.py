@@ -14,7 +14,7 @@ from tilepipe.pipelines import registry
 EXIT_CODES = {
     cli.DONE: "done",
     cli.FAILED: "some tile failed; it is named, no layer is published, the finished tiles are kept for the next try",
-    cli.BAD_INPUT: "an option, a parameter or an input cannot be used; one line says what to do",
+    cli.BAD_INPUT: "an option, a parameter or an input cannot be used, or has changed; one line says what to do",
     cli.INTERRUPTED: "interrupted by Ctrl-C, SIGTERM or SIGHUP; the same command resumes; a second signal ends at once",
 }
 

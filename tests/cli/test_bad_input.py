@@ -299,3 +299,33 @@ def test_infinities_are_nodata(monkeypatch, capsys, tmp_path):
         ids = dataset.read(1)
         assert (ids[5:8, 5:8] == dataset.nodata).all()
         assert (ids == dataset.nodata).sum() == 9
+
+
+def test_no_command_writes_to_a_url(monkeypatch, capsys, tmp_path, good):
+    """Nor makes a local folder named as its beginning."""
+    monkeypatch.chdir(tmp_path)
+    before = sorted(tmp_path.iterdir())
+    for out in ("s3://bucket/run", "http://host/run", "/vsis3/bucket/run"):
+        for arguments in (
+            ("streets", good, "--out", out),
+            ("grid", good, "--out", f"{out}.tif"),
+            ("report", out),
+            ("demo", "--out", out, "--size", 256),
+            ("city", out, "--size", 512),
+        ):
+            code, error = run(monkeypatch, capsys, *arguments, *(() if arguments[0] == "report" else ("--quiet",)))
+            assert (code, len(error.splitlines())) == (2, 1), error
+            assert error.startswith(f"tilepipe: error: {out}"), error
+            assert "results are written to a local disk" in error
+    assert sorted(tmp_path.iterdir()) == before
+
+
+def test_a_server_that_does_not_answer(monkeypatch, capsys, tmp_path, good):
+    for option in ((), ("--height",)):
+        rasters = (good, *option, "http://127.0.0.1:1/a.tif") if option else ("http://127.0.0.1:1/a.tif",)
+        error = refused(monkeypatch, capsys, tmp_path / "run", *rasters)
+        assert "http://127.0.0.1:1/a.tif: cannot be opened (" in error
+        assert "check the address" in error
+    code, error = run(monkeypatch, capsys, "evaluate", "http://127.0.0.1:1/a.gpkg", good)
+    assert code == 2
+    assert "http://127.0.0.1:1/a.gpkg lies on a server; download it first" in error

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 import tracemalloc
@@ -179,6 +180,39 @@ def test_a_cloud_is_not_replaced(clouds, tmp_path) -> None:
             grid_clouds(clouds, out, overwrite=True)
     (tmp_path / "link.tif").unlink()
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+@pytest.mark.parametrize("between", ["header and points", "two chunks"])
+def test_a_cloud_that_is_replaced_while_it_is_read_is_named(clouds, tmp_path, between) -> None:
+    """Of the same size and time: nothing but its content and its entry tell."""
+    from tilepipe.io import cloud_points
+    from tilepipe.io.cloud_points import PointFilter
+
+    cloud = read_cloud(clouds[0])
+    status = clouds[0].stat()
+    data = bytearray(clouds[0].read_bytes())
+    data[-1] ^= 1
+
+    def replace() -> None:
+        (tmp_path / "new").write_bytes(data)
+        os.utime(tmp_path / "new", ns=(status.st_atime_ns, status.st_mtime_ns))
+        os.replace(tmp_path / "new", clouds[0])
+
+    if between == "header and points":
+        replace()
+    chunks = cloud_points.read_points(cloud, cloud_points.DecompressionSelection.all(), PointFilter(), 10, False)
+    next(chunks)
+    if between == "two chunks":
+        replace()
+    with pytest.raises(InputError, match=f"{clouds[0].name}: has changed since its header was read"):
+        list(chunks)
+
+
+def test_clouds_and_results_lie_on_a_local_disk(clouds, tmp_path) -> None:
+    with pytest.raises(InputError, match=r"https://host/a\.laz: point clouds are read from a local disk"):
+        grid_clouds(["https://host/a.laz"], tmp_path / "out.tif")
+    with pytest.raises(InputError, match=r"s3://bucket/out\.tif: results are written to a local disk"):
+        grid_clouds(clouds, "s3://bucket/out.tif")
 
 
 def test_bad_input_is_refused(clouds, tmp_path) -> None:
