@@ -23,6 +23,7 @@ from tilepipe.io.gdal_options import input_options
 from tilepipe.io.georeference import Geometry, check_geometry
 from tilepipe.io.identity import PAM, Files, digest_of, file_state, files_of
 from tilepipe.io.paths import absolute_name, file_of, gdal_name, is_local, is_remote, location, one_line
+from tilepipe.io.tiff_blocks import end_of_pixels
 from tilepipe.io.vrt import Behind, files_behind, vrt_text
 from tilepipe.tiling.grid import Window
 
@@ -215,7 +216,7 @@ def _file_source(name: str, *, crs: str | None, choice: Choice) -> FileSource:
             system = dataset.crs.to_wkt() if dataset.crs else None
             shape, unit = (dataset.height, dataset.width), dataset.units[bands[0] - 1]
             geometry = check_geometry(name, system, tuple(transform)[:6], shape, crs, unit)
-            _check_whole(path, name, dataset, bands[0])
+            _check_whole(path, name, dataset)
             if text is None and dataset.driver == "VRT":
                 behind = files_behind(path, dataset.tags(ns="xml:VRT")["xml:VRT"])
             beside = [file for file in dataset.files if not file.endswith((PAM, ".ovr"))]
@@ -244,18 +245,11 @@ def _elsewhere(path: str, behind: Sequence[Behind]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(found))
 
 
-def _check_whole(path: str, name: str, dataset: Any, band: int) -> None:
+def _check_whole(path: str, name: str, dataset: Any) -> None:
     """Refuse a TIFF that ends before its last block does, as a broken transfer leaves it."""
     if dataset.driver != "GTiff" or file_of(path) != path:
         return
-    size, end, (rows, columns) = os.path.getsize(path), 0, dataset.block_shapes[band - 1]
-    for row in range(-(-dataset.height // rows)):
-        for column in range(-(-dataset.width // columns)):
-            # a block that was never written has none of the two
-            offset, length = (
-                dataset.get_tag_item(f"BLOCK_{item}_{column}_{row}", "TIFF", bidx=band) for item in ("OFFSET", "SIZE")
-            )
-            end = max(end, int(offset or 0) + int(length or 0))
+    size, end = os.path.getsize(path), end_of_pixels(Path(path))
     if end > size:
         raise InputError(
             f"{name}: is damaged, it has {size:,} bytes but its pixels reach to {end:,}; copy the file anew"

@@ -171,7 +171,7 @@ def metres_per_unit(crs: Any, name: str) -> float:
     if crs.is_geographic:
         raise InputError(
             f"{name} is in longitude and latitude ({crs.name}), where a buffer in metres has no meaning; "
-            "give a projected file, such as the GeoParquet of the run"
+            "reproject it to metres or feet (ogr2ogr -t_srs EPSG:n), or give the GeoParquet of a run"
         )
     return float(crs.axis_info[0].unit_conversion_factor) if crs.axis_info else 1.0
 

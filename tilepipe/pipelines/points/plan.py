@@ -131,7 +131,9 @@ def checked_job(
         radius=radius,
     )
     if _side(job) + 2 * job.margin > MAXIMUM_SIDE:
-        raise InputError(f"a reach of {job.margin} cells is too far; shorten it or coarsen the resolution")
+        raise InputError(
+            f"a reach of {job.margin} cells is too far; shorten --void-reach or --idw-radius, or coarsen --resolution"
+        )
     return job
 
 
