@@ -15,7 +15,8 @@ import rasterio
 from pyproj import CRS
 
 from tilepipe.errors import InputError
-from tilepipe.io.clouds import common_crs, read_cloud
+from tilepipe.io.cloud_crs import common_crs
+from tilepipe.io.clouds import read_cloud
 from tilepipe.pipelines.points import plan
 from tilepipe.pipelines.points.recipe import grid_clouds
 

@@ -23,7 +23,8 @@ from rasterio.transform import from_origin
 from tilepipe.errors import InputError
 from tilepipe.io import geoparquet
 from tilepipe.io.cog import cog_from_tiled
-from tilepipe.io.formats import SUFFIX, convert, write_table
+from tilepipe.io.formats import convert, write_table
+from tilepipe.io.gdal_tables import SUFFIX
 from tilepipe.io.geometries import line_strings
 from tilepipe.io.geoparquet import ParquetLineWriter
 from tilepipe_kernels.core.polylines import Polylines

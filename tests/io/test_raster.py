@@ -19,6 +19,7 @@ from hypothesis import strategies as st
 from pyproj import CRS
 from rasterio.transform import from_origin
 
+import tilepipe
 from tests.scenes import write_raster
 from tilepipe.errors import InputError
 from tilepipe.io.raster import Member, Raster, as_dataarray, check_aligned, open_raster
@@ -274,26 +275,27 @@ def test_a_rotation_that_moves_no_pixel_is_none(tmp_path, terms, rotated):
 
 
 def test_pixels_in_feet(tmp_path):
-    raster = open_raster([write_raster(tmp_path / "a.tif", numbers(), crs="EPSG:2994", pixel=3.0)])
+    origin = 600000, 900000
+    raster = open_raster([write_raster(tmp_path / "a.tif", numbers(), crs="EPSG:2994", pixel=3.0, origin=origin)])
     assert raster.geometry.crs == "EPSG:2994"
     assert raster.geometry.pixel == 3
     assert raster.geometry.resolution == pytest.approx(3 * 0.3048, rel=1e-12)
 
 
 def test_the_horizontal_part_of_a_compound_crs_counts(tmp_path):
-    raster = open_raster([write_raster(tmp_path / "a.tif", numbers(), crs="EPSG:7415")])
+    raster = open_raster([write_raster(tmp_path / "a.tif", numbers(), crs="EPSG:7415", origin=(120000, 480000))])
     assert raster.geometry.crs == "EPSG:28992"
     assert raster.geometry.metres == 1
-    plain = write_raster(tmp_path / "b.tif", numbers(), crs="EPSG:28992", origin=(LEFT + 9, TOP))
+    plain = write_raster(tmp_path / "b.tif", numbers(), crs="EPSG:28992", origin=(120009, 480000))
     assert open_raster([tmp_path / "a.tif", plain]).shape == (7, 18)
 
 
 def test_a_named_crs_serves_inputs_that_have_none(tmp_path):
-    bare = write_raster(tmp_path / "a.tif", numbers(), crs=None)
+    bare = write_raster(tmp_path / "a.tif", numbers(), crs=None, origin=(120000, 480000))
     assert open_raster([bare], crs="EPSG:28992").geometry.crs == "EPSG:28992"
     with pytest.raises(InputError, match="'EPSG:n' is not understood"):
         open_raster([bare], crs="EPSG:n")
-    named = write_raster(tmp_path / "b.tif", numbers(), crs="EPSG:28992", origin=(LEFT + 9, TOP))
+    named = write_raster(tmp_path / "b.tif", numbers(), crs="EPSG:28992", origin=(120009, 480000))
     assert open_raster([bare, named], crs="EPSG:7415").shape == (7, 18)
     with pytest.raises(InputError, match=r"b\.tif: is in Amersfoort / RD New but --crs names WGS 84 / UTM zone 33N"):
         open_raster([named], crs="EPSG:32633")
@@ -309,6 +311,10 @@ FOOT, SURVEY_FOOT = 0.3048, 1200 / 3937
         ("EPSG:32633", "Foot", FOOT),
         ("EPSG:32633", "US survey foot", SURVEY_FOOT),
         ("EPSG:32633", "us-ft", SURVEY_FOOT),
+        ("EPSG:32633", "U.S. Survey Feet", SURVEY_FOOT),
+        ("EPSG:32633", "Foot_US", SURVEY_FOOT),
+        ("EPSG:32633", "dm", 0.1),
+        ("EPSG:32633", "Clarke's foot", 0.3047972654),
         ("EPSG:32633", "dn", 1),
         ("EPSG:2994", None, FOOT),
         ("EPSG:2994", "metre", 1),
@@ -318,7 +324,7 @@ FOOT, SURVEY_FOOT = 0.3048, 1200 / 3937
     ],
 )
 def test_the_unit_of_heights(tmp_path, crs, unit, metres):
-    path = write_raster(tmp_path / "a.tif", numbers(), crs=crs)
+    path = write_raster(tmp_path / "a.tif", numbers(), crs=crs, origin=(600000, 900000))
     if unit is not None:
         with rasterio.open(path, "r+") as dataset:
             dataset.units = (unit,)
@@ -354,6 +360,25 @@ def test_pipelines_take_heights_in_metres(tmp_path):
 def test_a_named_crs_may_add_the_unit_of_heights(tmp_path):
     path = write_raster(tmp_path / "a.tif", numbers())
     assert open_raster([path], crs="EPSG:32633+6360").geometry.height_metres == pytest.approx(SURVEY_FOOT)
+
+
+def test_heights_in_an_unknown_unit_are_refused_and_greys_are_not(tmp_path):
+    path = write_raster(tmp_path / "a.tif", numbers())
+    with rasterio.open(path, "r+") as dataset:
+        dataset.units = ("dBZ",)
+    raster = open_raster([path])
+    with pytest.raises(
+        InputError, match=r"a\.tif: its heights are in 'dBZ', .*: m, dm, cm, mm, km, foot, US survey foot"
+    ):
+        raster.check_heights()
+    named = open_raster([path], crs="EPSG:32633+6360")
+    named.check_heights()
+    assert named.geometry.height_metres == pytest.approx(SURVEY_FOOT)
+    with pytest.raises(InputError, match="'dBZ'"):
+        tilepipe.plan_objects(path)
+    with pytest.raises(InputError, match="'dBZ'"):
+        tilepipe.plan_streets(path, height=path)
+    assert tilepipe.plan_streets(path).shape == tilepipe.plan_edges(path).shape == (7, 9)
 
 
 def test_a_mosaic_has_one_unit_of_heights(tmp_path):
@@ -513,7 +538,8 @@ def test_the_lazy_array_reads_nothing_before_it_is_due(tmp_path):
 
 
 def test_the_lazy_array_is_placed_as_the_mosaic(tmp_path):
-    raster = open_raster([write_raster(tmp_path / "a.tif", numbers(), crs="EPSG:2994", pixel=3.0)])
+    origin = 600000, 900000
+    raster = open_raster([write_raster(tmp_path / "a.tif", numbers(), crs="EPSG:2994", pixel=3.0, origin=origin)])
     lazy = as_dataarray(raster, chunks=4)
     assert CRS(lazy.rio.crs) == CRS("EPSG:2994")
     assert tuple(lazy.rio.transform(recalc=True))[:6] == pytest.approx(raster.geometry.transform)

@@ -13,7 +13,8 @@ from PIL import Image
 from rasterio.transform import from_origin
 
 from tilepipe.io.cog import cog_from_tiled
-from tilepipe.io.formats import SUFFIX, write_table
+from tilepipe.io.formats import write_table
+from tilepipe.io.gdal_tables import SUFFIX
 
 CRS = "EPSG:2994"
 LEFT, TOP, PIXEL = 6e5, 8e5, 2.0

@@ -21,11 +21,14 @@ class Input:
         Name of the option of the command line and of the argument in Python.
     meaning
         What it is and what it is for.
+    heights
+        Whether its values are heights: their unit must then be a known length.
     """
 
     name: str
     option: str
     meaning: str
+    heights: bool = False
 
     @property
     def band_option(self) -> str:

@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from tilepipe.io.formats import SUFFIX
+from tilepipe.io.gdal_tables import SUFFIX
+from tilepipe.io.side_file import SIDE
 
 GeometryType = Literal["LineString", "MultiLineString", "Polygon", "MultiPolygon", "Point", "MultiPoint"]
 
@@ -88,8 +89,8 @@ class RasterLayer:
 
     @property
     def files(self) -> tuple[str, ...]:
-        """Names that the file may have."""
-        return (self.name,)
+        """Names of the file, and of the one beside it that holds a CRS for which GeoTIFF has no place."""
+        return self.name, self.name + SIDE
 
 
 @dataclass(frozen=True)

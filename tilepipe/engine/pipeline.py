@@ -138,6 +138,8 @@ class Pipeline:
         What a run does: passes, reconciliations between them, and the files of its layers in the state folder.
     inputs
         Rasters beside the main ones.
+    heights
+        Whether the values of the main rasters are heights: their unit must then be a known length.
     cell
         Rows and columns of the cells, in pixels, that no tile may cut; by default single pixels.
     open_inputs
@@ -170,6 +172,7 @@ class Pipeline:
     layers: tuple[Layer, ...]
     recipe: Callable[[Work], Iterable[Path]]
     inputs: tuple[Input, ...] = ()
+    heights: bool = False
     cell: Callable[[Setting], tuple[int, int]] = _one_pixel
     open_inputs: OpenInputs | None = None
     check: Callable[[Setting], None] | None = None

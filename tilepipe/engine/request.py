@@ -24,8 +24,10 @@ from tilepipe.engine.run_folder import Record, Uses
 from tilepipe.engine.unchanged import INPUT_FILES
 from tilepipe.errors import InputError
 from tilepipe.io.bands import Choice
+from tilepipe.io.gdal_tables import check_format
 from tilepipe.io.paths import absolute_name
 from tilepipe.io.raster import Raster, check_aligned, open_bands, open_raster
+from tilepipe.io.side_file import check_raster_crs
 from tilepipe.io.sources import Source
 from tilepipe.tiling.grid import TileGrid, Window
 from tilepipe_kernels.core.arrays import Backend
@@ -124,6 +126,14 @@ def checked_request(
     opened = (pipeline.open_inputs or open_mosaic)(as_list(rasters), given, parameters, crs, band)
     bands = {item.declared.band_option: item.band for item in given.values() if item.band is not None}
     request = Request(pipeline, opened, parameters, options or RunOptions(), crs, band, bands)
+    if pipeline.heights:
+        opened.raster.check_heights()
+    for item in pipeline.inputs:
+        if item.heights and item.name in opened.inputs:
+            opened.inputs[item.name].raster.check_heights()
+    text, name = opened.raster.geometry.crs, opened.raster.names[0]
+    check_format(request.options.format, text, name)
+    check_raster_crs(text, name)
     if pipeline.check:
         pipeline.check(request.setting)
     try:

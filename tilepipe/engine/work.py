@@ -27,6 +27,7 @@ from tilepipe.io.formats import convert
 from tilepipe.io.georeference import Geometry
 from tilepipe.io.paths import local_output
 from tilepipe.io.raster import Raster
+from tilepipe.io.side_file import side_file
 from tilepipe.tiling.grid import TileGrid, Window
 from tilepipe_kernels.core.arrays import Backend, why_no_device
 from tilepipe_kernels.core.device_memory import device_memory
@@ -185,7 +186,7 @@ def _declared(name: str, declared: Collection[str], kind: str) -> str:
 
 
 def _whole_layers(pipeline: Pipeline, paths: Iterable[Path]) -> list[Path]:
-    """What a recipe has returned, once it is certain that all of it can be published.
+    """What a recipe has returned and the files beside it, once it is certain that all of it can be published.
 
     Raises
     ------
@@ -198,7 +199,7 @@ def _whole_layers(pipeline: Pipeline, paths: Iterable[Path]) -> list[Path]:
             raise InputError(f"the recipe of {pipeline.name} returns {path.name}, which is none of its layers")
         if not path.is_file():
             raise InputError(f"the recipe of {pipeline.name} returns {path.name}, but has not written it")
-    return layers
+    return [file for path in layers for file in (path, side_file(path)) if file.is_file()]
 
 
 def run_pipeline(

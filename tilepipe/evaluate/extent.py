@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tilepipe.evaluate.results import extent_raster
+from tilepipe.io.crs import crs_of_dataset
 from tilepipe.io.file_bands import read_bands
 from tilepipe.io.record import RECORD
 from tilepipe.io.tables import POLYGONS, VectorLayer, in_metres, read_layer
@@ -92,7 +93,7 @@ def data_extent(result: Path) -> VectorLayer | None:
         rows, columns = (max(1, round(size / share)) for size in source.shape)
         known = np.isfinite(next(read_bands(source, [1], out_shape=(rows, columns)))).astype(np.uint8)
         transform = source.transform * source.transform.scale(source.width / columns, source.height / rows)
-        crs = source.crs
+        crs = crs_of_dataset(source)
     outlines = [shapely.Polygon(shape["coordinates"][0]) for shape, _ in shapes(known, known > 0, transform=transform)]
     extent = shapely.union_all(outlines)
     return VectorLayer(f"extent of the data of {raster}", geopandas.GeoDataFrame(geometry=[extent], crs=crs))

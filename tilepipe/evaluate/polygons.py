@@ -24,7 +24,8 @@ from tilepipe.evaluate.lines import defined_values, percent
 from tilepipe.evaluate.polygon_layers import ROUNDING, coverage, polygon_layer
 from tilepipe.evaluate.results import read_result
 from tilepipe.evaluate.segment_matching import segments
-from tilepipe.io.tables import POLYGONS, VectorLayer, read_layer
+from tilepipe.io.crs import agreed_crs, split_crs
+from tilepipe.io.tables import POLYGONS, VectorLayer, in_metres, read_layer
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
@@ -268,7 +269,8 @@ def evaluate_areas(
     (0.67, 1.0)
     """
     extracted, true = read_result(result).of(POLYGONS), read_layer(truth, "truth").of(POLYGONS)
-    a, b = extracted.in_metres(), true.in_metres()
+    metres = extracted.metres_per_unit
+    a, b = (in_metres(layer.table.geometry.to_numpy(), metres) for layer in (extracted, true))
     crs, other = extracted.table.crs, true.table.crs
     if not _same_plane(crs, other):
         raise InputError(
@@ -276,7 +278,7 @@ def evaluate_areas(
             "reproject one to the CRS of the other"
         )
     within = scored_area(result, area_path)
-    area = None if within is None else area_in_metres(within, crs, extracted.metres_per_unit)
+    area = None if within is None else area_in_metres(within, crs, metres)
     score = evaluate_polygons(
         a,
         b,
@@ -292,9 +294,7 @@ def evaluate_areas(
 
 def _same_plane(a: Any, b: Any) -> bool:
     """Whether two CRS agree, heights aside; files of one CRS may spell its names in different ways."""
-    a, b = (crs.sub_crs_list[0] if crs.is_compound else crs for crs in (a, b))
-    code = a.to_epsg()
-    return bool(a.equals(b, ignore_axis_order=True)) or (code is not None and code == b.to_epsg())
+    return agreed_crs(split_crs(a)[0], split_crs(b)[0]) is not None
 
 
 def _mean(matched: NDArray[np.bool_]) -> float:

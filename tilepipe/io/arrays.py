@@ -127,15 +127,17 @@ def array_source(array: xr.DataArray, name: str, *, crs: str | None, choice: Cho
     array = bands_first(array, name)
     _, y, x = array.dims
     check_chunks(array, name)
+    band = choice.of(array_bands(array), name)[0]
     array, packings = _chosen(array, name, choice)
     if array.sizes[y] > 1 and y in array.coords and float(array[y][0]) < float(array[y][-1]):
         array = array.isel({y: slice(None, None, -1)})
     if array.dtype.kind not in "biuf":
         raise InputError(f"{name}: holds {array.dtype} values; use a raster of real numbers")
-    system = array.rio.crs.to_wkt() if array.rio.crs else None
-    shape, unit = (array.sizes[y], array.sizes[x]), array.attrs.get("units")
-    unit = unit if isinstance(unit, str) else None
-    geometry = check_geometry(name, system, _transform(array, name), shape, crs, unit)
+    shape, units = (array.sizes[y], array.sizes[x]), array.attrs.get("units")
+    # rioxarray gives one for each band where the bands differ
+    unit = units[band - 1] if isinstance(units, (tuple, list)) else units
+    unit = None if unit is None else str(unit)
+    geometry = check_geometry(name, array.rio.crs or None, _transform(array, name), shape, crs, unit)
     return ArraySource(name, geometry, array, packings)
 
 

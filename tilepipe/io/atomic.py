@@ -18,6 +18,7 @@ from pathlib import Path
 
 from tilepipe.errors import InputError
 from tilepipe.io.paths import local_output
+from tilepipe.io.side_file import side_file
 
 _REMEDY = {
     errno.ENOSPC: "the disk is full; free some space or choose another folder",
@@ -38,8 +39,9 @@ _ASIDE = re.compile(r"\.tilepipe-[0-9a-f]{16}\.partial")
 def atomic_write(final: str | os.PathLike[str]) -> Iterator[Path]:
     """Give a path to write to; rename it to `final` when the block ends well, remove it when it does not.
 
-    The path has the name of `final` (drivers look at the suffix) in a hidden folder beside it, which also
-    takes journals and other side files. What killed writers left in that place is cleared.
+    The path has the name of `final` (drivers look at the suffix) in a hidden folder beside it, which also takes
+    journals and other side files; what GDAL reads beside a raster goes with it. What killed writers left in that
+    place is cleared.
 
     Parameters
     ----------
@@ -70,9 +72,7 @@ def atomic_write(final: str | os.PathLike[str]) -> Iterator[Path]:
         clear_leftovers(final.parent)
         folder, lock = _make_aside(final.parent)
         yield folder / final.name
-        flush_to_disk(folder / final.name)
-        os.replace(folder / final.name, final)
-        flush_folder(final.parent)
+        replace_file(folder / final.name, final)
     except InputError:
         raise
     except Exception as error:
@@ -85,6 +85,42 @@ def atomic_write(final: str | os.PathLike[str]) -> Iterator[Path]:
             shutil.rmtree(folder, ignore_errors=True)
         if lock is not None:
             os.close(lock)
+
+
+def replace_file(written: Path, final: Path) -> None:
+    """Put a finished file in the place of another, and what GDAL reads beside it (`.aux.xml`) with it.
+
+    A file is replaced in one step.  Where something lies beside one of the two, the old file goes first: at no time
+    does a file stand beside what belongs to another, which might be its CRS.
+
+    Parameters
+    ----------
+    written
+        The finished file, on the same disk.
+    final
+        Where it goes.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tilepipe.io.atomic import replace_file
+    >>> for name in ("new.tif", "old.tif", "old.tif.aux.xml"):
+    ...     Path(name).touch()
+    >>> replace_file(Path("new.tif"), Path("old.tif"))
+    >>> [path.name for path in Path(".").iterdir()]
+    ['old.tif']
+    """
+    beside, stale = side_file(written), side_file(final)
+    flush_to_disk(written)
+    if beside.exists():
+        flush_to_disk(beside)
+    if beside.exists() or stale.exists():
+        final.unlink(missing_ok=True)
+        stale.unlink(missing_ok=True)
+    if beside.exists():
+        os.replace(beside, stale)
+    os.replace(written, final)
+    flush_folder(final.parent)
 
 
 def check_replaceable(final: Path) -> None:
@@ -258,4 +294,14 @@ def _remedy(error: Exception, folder: Path) -> str | None:
     # GDAL drops the error number, so ask the disk itself while the partial file still fills it.
     if folder.is_dir() and shutil.disk_usage(folder).free < 1 << 20:
         return _REMEDY[errno.ENOSPC]
-    return f"{error}; check that the disk has space and that the file can be written"
+    return _trial(folder) or f"GDAL refuses it ({error}); the disk has space and can be written"
+
+
+def _trial(folder: Path) -> str | None:
+    """What keeps a small file from being written into a folder; None when nothing does."""
+    try:
+        folder.mkdir(exist_ok=True)
+        (folder / "trial").write_bytes(bytes(1 << 16))
+    except OSError as error:
+        return _REMEDY.get(error.errno or 0, str(error.strerror))
+    return None

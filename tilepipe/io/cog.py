@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 
 from tilepipe.errors import InputError
 from tilepipe.io.atomic import atomic_write
+from tilepipe.io.crs import crs_of_dataset
 from tilepipe.io.georeference import Geometry
+from tilepipe.io.side_file import keep_crs
 from tilepipe.tiling.grid import TileGrid, Window
 
 _BLOCK = 512
@@ -34,7 +36,7 @@ def write_cog(
     Parameters
     ----------
     path
-        File to write; appears only when whole.
+        File to write; appears only when whole, with a file beside it where a GeoTIFF cannot hold the CRS.
     read
         Gives the values of any window; asked for one small window after the other.
     dtype
@@ -89,6 +91,7 @@ def write_cog(
             for tile in TileGrid(geometry.shape, _STRIP).tiles():
                 part = tile.core
                 target.write(read(part), 1, window=FileWindow(part.left, part.top, part.columns, part.rows))
+        keep_crs(tiled, geometry.crs)
         _copy(tiled, aside, "nearest", "ZSTD", threads)
 
 
@@ -147,6 +150,7 @@ def _copy(source: str | os.PathLike[str], aside: Path, overview: str, compressio
 
     with rasterio.open(source) as raster:
         is_float = raster.dtypes[0].startswith("float")
+        crs = crs_of_dataset(raster)
     with rasterio.Env():
         rasterio.shutil.copy(
             str(source),
@@ -163,6 +167,8 @@ def _copy(source: str | os.PathLike[str], aside: Path, overview: str, compressio
             NUM_THREADS=threads or "ALL_CPUS",
         )
         _check_copy(source, aside)
+        if crs is not None:
+            keep_crs(aside, crs)
 
 
 def _check_copy(source: str | os.PathLike[str], copy: Path) -> None:

@@ -12,8 +12,7 @@ from __future__ import annotations
 import errno
 import json
 import os
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,16 +21,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from tilepipe.errors import InputError
 from tilepipe.io.atomic import atomic_write
+from tilepipe.io.gdal_tables import DRIVER, SUFFIX, check_format, write_arrow
 from tilepipe.io.geoparquet import ROW_GROUP, TYPE_ID, ParquetWriter
 
 if TYPE_CHECKING:
     import pyarrow as pa
-
-SUFFIX = {"parquet": ".parquet", "gpkg": ".gpkg", "fgb": ".fgb", "geojson": ".geojson"}
-DRIVER = {"gpkg": "GPKG", "fgb": "FlatGeobuf", "geojson": "GeoJSON"}
-
-# GeoPackage stores the time of the last change; a constant one keeps equal content equal in bytes.
-_CONSTANT_TIME = "2000-01-01T00:00:00Z"
 
 
 def write_table(
@@ -63,7 +57,7 @@ def write_table(
     Raises
     ------
     InputError
-        The file cannot be written, the format is unknown, or GeoJSON is asked for without a CRS.
+        The file cannot be written, the format is unknown or cannot hold the CRS, or GeoJSON is asked for without one.
 
     Examples
     --------
@@ -78,7 +72,7 @@ def write_table(
     [50.0, 100.0]
     """
     path = Path(path)
-    _check_format(format, crs)
+    check_format(format, crs, str(path))
     rows, geometry_type = _one_type(np.asarray(geometry, dtype=object), geometry_type)
     arrays = {name: np.asarray(values) for name, values in columns.items()}
     types = {name: "string" if a.dtype.kind in "OUT" else a.dtype for name, a in arrays.items()}
@@ -148,7 +142,6 @@ def _write_converted(source: Path, aside: Path, format: str) -> None:
     """Stream `source` (GeoParquet) through GDAL into the file `aside`."""
     import pyarrow as pa
     import pyarrow.parquet as pq
-    import pyogrio
     from pyproj import CRS
 
     with pq.ParquetFile(source) as file:
@@ -156,27 +149,13 @@ def _write_converted(source: Path, aside: Path, format: str) -> None:
         if not geo:
             raise InputError(f"{source} is not GeoParquet (it has no 'geo' metadata); give a file of this program")
         column = geo["columns"][geo["primary_column"]]
-        crs = None if column["crs"] is None else CRS.from_json_dict(column["crs"]).to_wkt()
-        _check_format(format, crs)
+        crs = None if column["crs"] is None else CRS.from_json_dict(column["crs"])
+        check_format(format, crs, str(source))
         schema = file.schema_arrow
         schema = pa.schema([pa.field(f.name, _portable(f.type), f.nullable) for f in schema])
         batches = (batch.cast(schema) for batch in file.iter_batches(batch_size=ROW_GROUP))
-        options = {
-            "gpkg": {"ASPATIAL_VARIANT": "GPKG_ATTRIBUTES"},
-            "fgb": {"TEMPORARY_DIR": str(aside.parent)},
-            "geojson": {"RFC7946": "YES"},
-        }[format]
-        with _gdal_options(OGR_CURRENT_DATE=_CONSTANT_TIME):
-            pyogrio.write_arrow(
-                pa.RecordBatchReader.from_batches(schema, batches),
-                aside,
-                layer=aside.stem,
-                driver=DRIVER[format],
-                geometry_name=geo["primary_column"],
-                geometry_type=column["geometry_types"][0],
-                crs=crs,
-                **options,
-            )
+        reader = pa.RecordBatchReader.from_batches(schema, batches)
+        write_arrow(reader, aside, format, geo["primary_column"], column["geometry_types"][0], crs)
         _check_converted(aside, format, file.metadata.num_rows)
 
 
@@ -205,19 +184,6 @@ def _check_converted(path: Path, format: str, rows: int) -> None:
         raise OSError(errno.ENOSPC, "the file is incomplete", str(path))
 
 
-@contextmanager
-def _gdal_options(**options: str) -> Iterator[None]:
-    """Set options of pyogrio's GDAL for the length of a block."""
-    import pyogrio
-
-    before = {name: pyogrio.get_gdal_config_option(name) for name in options}
-    pyogrio.set_gdal_config_options(options)
-    try:
-        yield
-    finally:
-        pyogrio.set_gdal_config_options(before)
-
-
 def _one_type(geometry: NDArray[np.object_], declared: str | None) -> tuple[NDArray[np.object_], str]:
     """Return the geometries and their one type, single parts lifted to multi parts where both occur."""
     import shapely
@@ -240,13 +206,6 @@ def _one_type(geometry: NDArray[np.object_], declared: str | None) -> tuple[NDAr
     lifted = geometry.copy()
     lifted[single] = [make([part]) for part in geometry[single]]
     return lifted, wanted
-
-
-def _check_format(format: str, crs: Any) -> None:
-    if format not in SUFFIX:
-        raise InputError(f"unknown format {format!r}; choose one of {', '.join(SUFFIX)}")
-    if format == "geojson" and crs is None:
-        raise InputError("GeoJSON needs longitude and latitude, but the data name no CRS; give --crs EPSG:n")
 
 
 def _portable(kind: pa.DataType) -> pa.DataType:

@@ -4,32 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tilepipe.errors import InputError
-
-if TYPE_CHECKING:
-    from pyproj import CRS
-    from pyproj._crs import Axis
-
-_UNITS = {
-    1.0: "m metre metres meter meters",
-    0.01: "cm centimetre centimetres centimeter centimeters",
-    0.001: "mm millimetre millimetres millimeter millimeters",
-    0.3048: "ft foot feet international_foot international_feet",
-    1200 / 3937: "us_ft ft_us ftus usft us_foot us_feet us_survey_foot us_survey_feet survey_foot survey_feet sfoot",
-}
-_METRES = {name: metres for metres, names in _UNITS.items() for name in names.split()}
-"""Length in metres of the units that rasters name."""
+from tilepipe.io.crs import check_named_crs, crs_text, map_unit, split_crs, understood_crs, utm_zone
+from tilepipe.io.units import SOME_UNITS, axis_metres, unit_metres
 
 ROUNDING = 1e-2
 """Largest displacement that is taken for rounding, in pixels: of tiles to each other, or of a corner by rotation."""
-
-_SAME_UNIT = 1e-9
-"""Largest relative difference of two spellings of one unit."""
 
 
 @dataclass(frozen=True)
@@ -37,8 +22,8 @@ class Geometry:
     """Where the pixels of a raster lie: north-up grid of square pixels in a projected CRS.
 
     ``left``, ``top`` are the coordinates of the upper left corner and ``pixel`` is the pixel size, in CRS units;
-    ``metres`` is the length of one CRS unit in metres, and ``height_metres`` that of one unit of heights, should the
-    values be heights.
+    ``metres`` is the length of one CRS unit on the ground in metres, and ``height_metres`` that of one unit of heights,
+    should the values be heights; ``unknown_unit`` is the name of a unit of the values that is no known length.
 
     Examples
     --------
@@ -59,6 +44,7 @@ class Geometry:
     shape: tuple[int, int]
     metres: float
     height_metres: float
+    unknown_unit: str | None = None
 
     @property
     def resolution(self) -> float:
@@ -69,6 +55,26 @@ class Geometry:
     def transform(self) -> tuple[float, float, float, float, float, float]:
         """Affine coefficients (a, b, c, d, e, f) of rasterio for this grid."""
         return self.pixel, 0.0, self.left, 0.0, -self.pixel, self.top
+
+    @property
+    def bounds(self) -> tuple[float, float, float, float]:
+        """Left, bottom, right and top in CRS units."""
+        rows, columns = self.shape
+        return self.left, self.top - rows * self.pixel, self.left + columns * self.pixel, self.top
+
+    def check_heights(self, name: str) -> None:
+        """Refuse values as heights whose unit is no known length; ``name`` is that of the source.
+
+        Raises
+        ------
+        InputError
+            Says which units are known.
+        """
+        if self.unknown_unit is not None:
+            raise InputError(
+                f"{name}: its heights are in '{self.unknown_unit}', which is no known unit of length; name one with "
+                f"gdal_edit -units (in an array: its attribute units): {SOME_UNITS}"
+            )
 
     def coordinates(self, vertices: NDArray[Any]) -> NDArray[np.float64]:
         """Map coordinates x, y of rows and columns counted from the upper left corner of the first pixel."""
@@ -121,11 +127,15 @@ def check_geometry(
     a, b, c, d, e, f = transform[:6]
     if crs is None and override is None:
         raise InputError(f"{name}: has no coordinate reference system; pass --crs EPSG:n (crs='EPSG:n')")
-    system, vertical = split_crs(_understood(crs if crs is not None else override, name))
-    if crs is not None and override is not None:
-        given, given_vertical = split_crs(_understood(override, "--crs"))
-        check_named_crs(name, system, given)
-        vertical = vertical or given_vertical
+    system, vertical = split_crs(understood_crs(crs if crs is not None else override, name))
+    given_vertical = None
+    if override is not None:
+        given, given_vertical = split_crs(understood_crs(override, "--crs"))
+        system = check_named_crs(name, system, given)
+    height_metres = unit_metres(unit)
+    # a unit that the user names by the CRS stands for one that nobody knows
+    unknown = unit if unit and height_metres is None and given_vertical is None else None
+    vertical = vertical or given_vertical
     if system.is_geocentric or system.is_vertical:
         raise InputError(f"{name}: {system.name} is no map projection; reproject it to a projected CRS first")
     if system.is_geographic:
@@ -141,92 +151,7 @@ def check_geometry(
         raise InputError(f"{name}: pixels are not square ({a} × {-e}); resample it with gdalwarp -tr {a} {a}")
     if min(shape) < 3:
         raise InputError(f"{name}: is {shape[1]} × {shape[0]} pixels; at least 3 × 3 are needed")
-    metres = float(system.axis_info[0].unit_conversion_factor) if system.axis_info else 1.0
-    authority = system.to_authority(min_confidence=100)
-    text = ":".join(authority) if authority else system.to_wkt()
-    height_metres = unit_metres(unit) or (float(vertical.unit_conversion_factor) if vertical else metres)
-    return Geometry(text, float(c), float(f), float(a), shape, metres, height_metres)
-
-
-def _understood(crs: object, name: str) -> CRS:
-    from pyproj import CRS
-    from pyproj.exceptions import CRSError
-
-    try:
-        return CRS.from_user_input(crs)
-    except CRSError as error:
-        raise InputError(f"{name}: CRS '{crs}' is not understood; pass --crs EPSG:n") from error
-
-
-def split_crs(crs: CRS) -> tuple[CRS, Axis | None]:
-    """Horizontal part of a CRS, and its vertical axis (None without one).
-
-    Examples
-    --------
-    >>> from pyproj import CRS
-    >>> from tilepipe.io.georeference import split_crs
-    >>> horizontal, vertical = split_crs(CRS("EPSG:7415"))  # Amersfoort / RD New + NAP height
-    >>> horizontal.to_epsg(), vertical.unit_name
-    (28992, 'metre')
-    """
-    if crs.is_bound and crs.source_crs is not None:
-        return split_crs(crs.source_crs)
-    if crs.is_compound:
-        horizontal, vertical = crs.sub_crs_list[:2]
-        return split_crs(horizontal)[0], vertical.axis_info[0] if vertical.axis_info else None
-    if not crs.is_geocentric and len(crs.axis_info) == 3:
-        return crs.to_2d(), crs.axis_info[2]
-    return crs, None
-
-
-def utm_zone(longitude: float, latitude: float) -> str:
-    """EPSG code of the UTM zone of a place in degrees.
-
-    Examples
-    --------
-    >>> from tilepipe.io.georeference import utm_zone
-    >>> utm_zone(13.4, 52.5), utm_zone(-43.2, -22.9)  # Berlin, Rio de Janeiro
-    ('EPSG:32633', 'EPSG:32723')
-    """
-    zone = int((longitude + 180) // 6) % 60 + 1
-    return f"EPSG:{327 if latitude < 0 else 326}{zone:02d}"
-
-
-def check_named_crs(name: str, named: CRS, given: CRS) -> None:
-    """Refuse a source that names another horizontal CRS than the user does.
-
-    Raises
-    ------
-    InputError
-        Names the source and both CRS.
-    """
-    code = named.to_epsg()
-    if not named.equals(given, ignore_axis_order=True) and (code is None or code != given.to_epsg()):
-        raise InputError(
-            f"{name}: is in {named.name} but --crs names {given.name}; --crs is for inputs that name no CRS: "
-            "leave it out, or correct the file if what it names is wrong"
-        )
-
-
-def unit_metres(unit: str | None) -> float | None:
-    """Length in metres of a unit by name (m, metre, ft, US survey foot, …); None where it is no known length.
-
-    Examples
-    --------
-    >>> from tilepipe.io.georeference import unit_metres
-    >>> unit_metres("metre"), unit_metres("ft"), unit_metres("furlongs per fortnight")
-    (1.0, 0.3048, None)
-    """
-    return _METRES.get("_".join((unit or "").lower().replace("-", " ").replace("_", " ").split()))
-
-
-def same_unit(a: float, b: float) -> bool:
-    """Whether two units have the same length, but for rounding.
-
-    Examples
-    --------
-    >>> from tilepipe.io.georeference import same_unit
-    >>> same_unit(0.3048, 0.30480000001), same_unit(0.3048, 1200 / 3937)  # the US survey foot is another one
-    (True, False)
-    """
-    return abs(a - b) <= _SAME_UNIT * a
+    metres = map_unit(system)
+    if height_metres is None:
+        height_metres = axis_metres(vertical) if vertical else metres
+    return Geometry(crs_text(system), float(c), float(f), float(a), shape, metres, height_metres, unknown)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,13 +18,17 @@ from numpy.typing import NDArray
 
 from tilepipe.errors import InputError
 from tilepipe.io.bands import Choice
-from tilepipe.io.georeference import ROUNDING, Geometry, same_unit
+from tilepipe.io.crs import agreed_crs, crs_text, same_crs, unbound_crs
+from tilepipe.io.georeference import ROUNDING, Geometry
+from tilepipe.io.ground import ground_metres
 from tilepipe.io.reads import bands_noted
 from tilepipe.io.sources import Source, open_source
+from tilepipe.io.units import same_unit
 from tilepipe.tiling.grid import Window
 
 if TYPE_CHECKING:
     import xarray as xr
+    from pyproj import CRS
 
 
 @dataclass(frozen=True)
@@ -47,6 +51,17 @@ class Raster:
     def shape(self) -> tuple[int, int]:
         """Rows and columns of the mosaic."""
         return self.geometry.shape
+
+    def check_heights(self) -> None:
+        """Refuse a raster whose values are to be heights but in a unit that is no known length.
+
+        Raises
+        ------
+        InputError
+            Names the source and its unit, and the units that are known.
+        """
+        for member in self.members:
+            member.source.geometry.check_heights(member.source.name)
 
     @property
     def names(self) -> list[str]:
@@ -200,10 +215,29 @@ def open_bands(inputs: Sequence[str | Path | xr.DataArray], choice: Choice, *, c
     corner_left = min(source.geometry.left for source in sources)
     corner_top = max(source.geometry.top for source in sources)
     pixel = min(source.geometry.pixel for source in sources)
-    crs, metres = min((len(s.geometry.crs), s.geometry.crs, s.geometry.metres) for s in sources)[1:]
+    system = _common_crs(sources)
     height_metres = min(source.geometry.height_metres for source in sources)
-    geometry = Geometry(crs, corner_left, corner_top, pixel, shape, metres, height_metres)
-    return Raster(geometry, tuple(members), len(choice.numbers or (1,)))
+    unknown = min((s.geometry.unknown_unit for s in sources if s.geometry.unknown_unit is not None), default=None)
+    geometry = Geometry(crs_text(system), corner_left, corner_top, pixel, shape, 1.0, height_metres, unknown)
+    metres = ground_metres(system, geometry.bounds, sources[0].name)
+    return Raster(replace(geometry, metres=metres), tuple(members), len(choice.numbers or (1,)))
+
+
+def _common_crs(sources: Sequence[Source]) -> CRS:
+    """The CRS that all sources share, whatever their order: with the way to WGS 84 if some of them name it."""
+    from pyproj import CRS
+
+    texts = sorted({source.geometry.crs for source in sources}, key=lambda text: (len(text), text))
+    common, *others = map(CRS, texts)
+    for other in others:
+        agreed = agreed_crs(common, other)
+        if agreed is None:
+            raise InputError(
+                f"{sources[0].name} and others name different ways from {common.name} to WGS 84 (TOWGS84); "
+                "give all of them the same CRS with gdal_edit -a_srs"
+            )
+        common = agreed
+    return common
 
 
 def _check_same_grid(source: Source, reference: Source) -> None:
@@ -211,7 +245,7 @@ def _check_same_grid(source: Source, reference: Source) -> None:
     from pyproj import CRS
 
     mine, theirs = source.geometry, reference.geometry
-    if mine.crs != theirs.crs and not CRS(mine.crs).equals(CRS(theirs.crs), ignore_axis_order=True):
+    if mine.crs != theirs.crs and not same_crs(unbound_crs(CRS(mine.crs)), unbound_crs(CRS(theirs.crs))):
         raise InputError(
             f"{source.name}: its CRS ({_short(mine.crs)}) differs from that of {reference.name} "
             f"({_short(theirs.crs)}); reproject one of them with gdalwarp"

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from tilepipe.errors import InputError
 from tilepipe.io.arrays import ARRAY, array_source, zarr_source
 from tilepipe.io.bands import Choice
+from tilepipe.io.crs import crs_of_dataset
 from tilepipe.io.file_bands import bands_of, read_bands
 from tilepipe.io.gdal_options import input_options
 from tilepipe.io.georeference import Geometry, check_geometry
@@ -213,7 +214,7 @@ def _file_source(name: str, *, crs: str | None, choice: Choice) -> FileSource:
             transform = dataset.transform
             if dataset.crs is None and transform.is_identity:
                 raise InputError(f"{name}: has no georeferencing; give it an origin and a pixel size with gdal_edit")
-            system = dataset.crs.to_wkt() if dataset.crs else None
+            system = crs_of_dataset(dataset)
             shape, unit = (dataset.height, dataset.width), dataset.units[bands[0] - 1]
             geometry = check_geometry(name, system, tuple(transform)[:6], shape, crs, unit)
             _check_whole(path, name, dataset)

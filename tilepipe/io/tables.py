@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tilepipe.errors import InputError
+from tilepipe.io.crs import same_crs, split_crs, understood_crs
+from tilepipe.io.ground import TABLES, Bounds, ground_metres
 from tilepipe.io.paths import is_local, location
 from tilepipe.io.vector_files import read_vector_file
 
@@ -40,7 +42,8 @@ class VectorLayer:
     @property
     def metres_per_unit(self) -> float:
         """See `metres_per_unit`."""
-        return metres_per_unit(self.table.crs, self.name)
+        left, bottom, right, top = (float(side) for side in self.table.total_bounds)
+        return metres_per_unit(self.table.crs, self.name, (left, bottom, right, top))
 
     def of(self, types: tuple[str, ...]) -> VectorLayer:
         """Return the layer itself.
@@ -55,20 +58,29 @@ class VectorLayer:
         return self
 
     def reprojected(self, crs: Any) -> NDArray[np.object_]:
-        """Geometries in another CRS.
+        """Geometries in another CRS; those that are in it already stay as they are.
 
         Raises
         ------
         InputError
-            Some lie where the CRS has no coordinates.
+            Some lie where the CRS has no coordinates, or no way leads to it.
         """
         import shapely
-        from pyproj import CRS
+        from pyproj.exceptions import ProjError
 
-        geometry: NDArray[np.object_] = self.table.to_crs(crs).geometry.to_numpy()
+        other = understood_crs(crs, self.name)
+        if same_crs(self.table.crs, other):
+            return self.table.geometry.to_numpy()  # type: ignore[no-any-return]
+        try:
+            geometry: NDArray[np.object_] = self.table.to_crs(other).geometry.to_numpy()
+        except ProjError as error:
+            raise InputError(
+                f"no way leads from the CRS of the {self.name} ({self.table.crs.name}) to {other.name}; "
+                "give both in one CRS"
+            ) from error
         if not np.isfinite(shapely.get_coordinates(geometry)).all():
             raise InputError(
-                f"the {self.name} lies, wholly or in part, where {CRS.from_user_input(crs).name} has no coordinates; "
+                f"the {self.name} lies, wholly or in part, where {other.name} has no coordinates; "
                 f"check its CRS ({self.table.crs.name}), or cut it to the place"
             )
         return geometry
@@ -145,40 +157,47 @@ def are_polygons(result: VectorLayer, truth: VectorLayer) -> bool:
     return bool(found & set(POLYGONS))
 
 
-def metres_per_unit(crs: Any, name: str) -> float:
-    """Length in metres of the unit of a projected CRS; `name` is what an error message calls its owner.
+def metres_per_unit(crs: Any, name: str, bounds: Bounds) -> float:
+    """Length on the ground in metres of the unit of a projected CRS, see `tilepipe.io.ground.ground_metres`.
+
+    Parameters
+    ----------
+    crs
+        Anything that pyproj accepts, or None.
+    name
+        What an error message calls its owner.
+    bounds
+        Where on the map.
 
     Raises
     ------
     InputError
-        There is no CRS, or it is geographic (degrees are no lengths).
+        There is no CRS, it is geographic (degrees are no lengths), or its map is stretched unevenly there.
 
     Examples
     --------
     >>> from tilepipe.io.tables import metres_per_unit
-    >>> metres_per_unit("EPSG:32633", "the truth")
+    >>> metres_per_unit("EPSG:32633", "the truth", (392000, 5819000, 393000, 5820000))
     1.0
-    >>> metres_per_unit("EPSG:4326", "the truth")
+    >>> metres_per_unit("EPSG:4326", "the truth", (13, 52, 14, 53))
     Traceback (most recent call last):
         ...
     tilepipe.errors.InputError: the truth is in longitude and latitude (WGS 84)...
     """
-    from pyproj import CRS
-
     if crs is None:
         raise InputError(f"{name} names no CRS, so metres are unknown; write the CRS into the file")
-    crs = CRS.from_user_input(crs)
-    if crs.is_geographic:
+    horizontal, _ = split_crs(understood_crs(crs, name))
+    if horizontal.is_geographic:
         raise InputError(
-            f"{name} is in longitude and latitude ({crs.name}), where a buffer in metres has no meaning; "
+            f"{name} is in longitude and latitude ({horizontal.name}), where a buffer in metres has no meaning; "
             "reproject it to metres or feet (ogr2ogr -t_srs EPSG:n), or give the GeoParquet of a run"
         )
-    return float(crs.axis_info[0].unit_conversion_factor) if crs.axis_info else 1.0
+    return ground_metres(horizontal, bounds, name, TABLES)
 
 
 def run_table(folder: Path, name: str) -> Path | None:
     """Find the table `name` in a run's folder, in whatever format it was written, or None."""
-    from tilepipe.io.formats import SUFFIX
+    from tilepipe.io.gdal_tables import SUFFIX
 
     for suffix in SUFFIX.values():
         if (folder / f"{name}{suffix}").is_file():

@@ -23,6 +23,7 @@ from skimage.exposure import rescale_intensity
 
 from tilepipe.errors import InputError
 from tilepipe.io.atomic import atomic_write
+from tilepipe.io.crs import crs_of_dataset, same_crs
 from tilepipe.io.file_bands import bands_of, read_bands
 from tilepipe.io.gdal_options import input_options
 from tilepipe.io.manifest import Written, read_manifest, refuse_foreign, write_manifest
@@ -106,7 +107,11 @@ class FinishedRun:
     def optional_table(self, name: str) -> GeoDataFrame | None:
         """A table of lines or polygons, in whatever format it was written, in the CRS of the rasters; or None."""
         path = run_table(self.folder, name)
-        return None if path is None else read_vectors(path, "result", LINES + POLYGONS).to_crs(self.crs)
+        if path is None:
+            return None
+        table = read_vectors(path, "result", LINES + POLYGONS)
+        # a local CRS has no way even to its twin
+        return table if same_crs(table.crs, self.crs) else table.to_crs(self.crs)
 
     @contextmanager
     def adding(self, name: str) -> Iterator[Path]:
@@ -196,7 +201,7 @@ def open_folder(
     paths = _located(folder, [named] if isinstance(named, str) else named)
     readable = tuple(path for path in paths if _is_readable(path))
     bounds, shape, crs = _lie(folder, raster, record)
-    metres = metres_per_unit(crs, str(folder / (raster or RECORD)))
+    metres = metres_per_unit(crs, str(folder / (raster or RECORD)), bounds)
     missing = tuple(path for path in paths if path not in readable)
     return FinishedRun(folder, bounds, shape, CRS.from_user_input(crs), metres, readable, missing, record)
 
@@ -212,7 +217,7 @@ def _lie(folder: Path, raster: str | None, record: dict[str, Any]) -> tuple[Boun
     """Bounds, shape and CRS of a raster layer, or of the input as recorded."""
     if raster is not None:
         with rasterio.open(folder / raster) as layer:
-            return tuple(layer.bounds), (layer.height, layer.width), layer.crs
+            return tuple(layer.bounds), (layer.height, layer.width), crs_of_dataset(layer)
     lie = record.get("raster", {})
     if not {"shape", "left", "top", "pixel", "crs"} <= set(lie):
         raise InputError(f"{folder} holds no layer of a run; give the folder of a finished run")

@@ -48,6 +48,7 @@ PIPELINE = Pipeline(
     name="objects",
     summary=SUMMARY,
     inputs=INPUTS,
+    heights=True,
     parameters=ObjectParameters,
     cell=_largest_leaf,
     check=_check,

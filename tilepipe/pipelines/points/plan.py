@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import get_args
 
@@ -14,8 +14,12 @@ from pyproj import CRS
 from rasterio.windows import Window
 
 from tilepipe.errors import InputError
+from tilepipe.io.cloud_crs import common_crs
 from tilepipe.io.cloud_points import Value
-from tilepipe.io.clouds import Cloud, common_crs, metres_per_unit, read_cloud
+from tilepipe.io.clouds import Cloud, read_cloud
+from tilepipe.io.crs import map_unit
+from tilepipe.io.ground import CLOUDS, ground_metres
+from tilepipe.io.side_file import check_raster_crs
 from tilepipe.pipelines.points.extent import Extent
 from tilepipe_kernels.points.gridding import BYTES_PER_CELL, BYTES_PER_POINT, METHODS, Method
 from tilepipe_kernels.points.gridding import halo as gridding_halo
@@ -117,7 +121,8 @@ def checked_job(
     if method not in METHODS:
         raise InputError(f"unknown method {method!r}; choose one of {', '.join(METHODS)}")
     clouds = tuple(read_cloud(path) for path in paths)
-    horizontal, vertical_unit = common_crs(clouds, crs)
+    horizontal, vertical_unit = common_crs(clouds, crs, heights=value == "height")
+    check_raster_crs(horizontal, str(clouds[0].path))
     radius = (math.sqrt(2) if idw_radius is None else idw_radius / resolution) if method == "idw" else 0.0
     job = GridJob(
         clouds=clouds,
@@ -126,7 +131,7 @@ def checked_job(
         value=value,
         method=method,
         resolution=resolution,
-        cell=resolution / metres_per_unit(horizontal),
+        cell=resolution / map_unit(horizontal),
         reach=void_reach / resolution,
         radius=radius,
     )
@@ -135,6 +140,19 @@ def checked_job(
             f"a reach of {job.margin} cells is too far; shorten --void-reach or --idw-radius, or coarsen --resolution"
         )
     return job
+
+
+def on_the_ground(job: GridJob, extent: Extent) -> GridJob:
+    """The job with cells of its resolution on the ground, where the map is stretched over the extent of the points.
+
+    Raises
+    ------
+    InputError
+        As for `tilepipe.io.ground.ground_metres`.
+    """
+    (top, left), (rows, columns) = extent.origin, extent.shape
+    bounds = left * job.cell, -(top + rows) * job.cell, (left + columns) * job.cell, -top * job.cell
+    return replace(job, cell=job.resolution / ground_metres(job.crs, bounds, str(job.clouds[0].path), CLOUDS))
 
 
 def plan_grid(job: GridJob, extent: Extent, heights: tuple[float, float], memory: int) -> GridPlan:

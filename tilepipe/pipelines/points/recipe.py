@@ -18,10 +18,10 @@ from tilepipe.io.cloud_points import PointFilter, Returns, Value
 from tilepipe.io.clouds import find_clouds
 from tilepipe.io.paths import local_output
 from tilepipe.pipelines.points.deal import deal_points, grid_tile
-from tilepipe.pipelines.points.extent import find_extent
+from tilepipe.pipelines.points.extent import Extent, find_extent
 from tilepipe.pipelines.points.in_order import in_order
-from tilepipe.pipelines.points.plan import GridPlan, checked_job, plan_grid
-from tilepipe.pipelines.points.survey import survey_clouds
+from tilepipe.pipelines.points.plan import GridJob, GridPlan, checked_job, on_the_ground, plan_grid
+from tilepipe.pipelines.points.survey import Survey, survey_clouds
 from tilepipe.pipelines.points.write import tile_writer
 from tilepipe_kernels.points.gridding import Method
 
@@ -94,7 +94,7 @@ def grid_clouds(
     Returns
     -------
     Path
-        ``out``, which appears only when whole.
+        ``out``, which appears only when whole, with ``.aux.xml`` beside it where a GeoTIFF cannot hold the CRS.
 
     Raises
     ------
@@ -140,8 +140,11 @@ def grid_clouds(
     if out.exists() and any(out.samefile(path) for path in paths):
         raise InputError(f"{out} is one of the clouds; name another file with --out")
     job = checked_job(paths, resolution, value, method, void_reach, idw_radius, crs)
-    survey = survey_clouds(job.clouds, job.cell, point_filter, chunk_points, workers, partial(told, "survey"))
-    extent = find_extent(job.clouds, survey, job.cell, job.resolution)
+    survey, extent = _surveyed(job, point_filter, chunk_points, workers, told)
+    grounded = on_the_ground(job, extent)
+    if grounded != job:
+        job = grounded
+        survey, extent = _surveyed(job, point_filter, chunk_points, workers, told)
     plan = plan_grid(job, extent, survey.heights, free // workers)
     if extent.warning is not None:
         warnings.warn(extent.warning, stacklevel=2)
@@ -159,6 +162,14 @@ def grid_clouds(
     if copies:
         warnings.warn(f"{copies:,} points that several of the clouds hold are counted once", stacklevel=2)
     return out
+
+
+def _surveyed(
+    job: GridJob, point_filter: PointFilter, chunk_points: int, workers: int, progress: Progress
+) -> tuple[Survey, Extent]:
+    """Where the points of a job lie, in its cells."""
+    survey = survey_clouds(job.clouds, job.cell, point_filter, chunk_points, workers, partial(progress, "survey"))
+    return survey, find_extent(job.clouds, survey, job.cell, job.resolution)
 
 
 def _grid(plan: GridPlan, scratch: Path, raster: Path, tiles: Sequence[int], workers: int, progress: Progress) -> int:

@@ -13,6 +13,8 @@ import rasterio
 from affine import Affine
 from numpy.typing import NDArray
 
+from tilepipe.io.crs import crs_text
+from tilepipe.io.side_file import keep_crs
 from tilepipe.pipelines.points.plan import GridPlan
 from tilepipe.pipelines.points.survey import BLOCK_BITS
 
@@ -44,7 +46,6 @@ def tile_writer(plan: GridPlan, raster: Path, workers: int) -> Iterator[TileWrit
         If the raster read back differs from what was written.
     """
     job, (top, left) = plan.job, plan.extent.origin
-    authority = job.crs.to_authority()
     with (
         rasterio.Env(GDAL_CACHEMAX=_GDAL_CACHE),
         rasterio.open(
@@ -56,7 +57,7 @@ def tile_writer(plan: GridPlan, raster: Path, workers: int) -> Iterator[TileWrit
             count=1,
             height=plan.extent.shape[0],
             width=plan.extent.shape[1],
-            crs=":".join(authority) if authority else job.crs.to_wkt(),
+            crs=crs_text(job.crs),
             transform=Affine(job.cell, 0.0, left * job.cell, 0.0, -job.cell, -top * job.cell),
             tiled=True,
             blockxsize=1 << BLOCK_BITS,
@@ -74,6 +75,7 @@ def tile_writer(plan: GridPlan, raster: Path, workers: int) -> Iterator[TileWrit
             dataset.units = (job.vertical_unit,)
         writer = TileWriter(plan, dataset)
         yield writer
+    keep_crs(raster, job.crs)
     _verify(plan, raster, writer.checksums, workers)
 
 

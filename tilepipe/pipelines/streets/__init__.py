@@ -9,4 +9,6 @@ from tilepipe.engine.inputs import Input
 
 SUMMARY = "Street centerlines from lidar intensity (dark streets), by ridge lines and by skeleton."
 
-INPUTS = (Input("heights", "height", "Height raster (DSM) on the same grid, to leave out trees and roofs."),)
+INPUTS = (
+    Input("heights", "height", "Height raster (DSM) on the same grid, to leave out trees and roofs.", heights=True),
+)
