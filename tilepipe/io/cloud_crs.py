@@ -80,11 +80,11 @@ def crs_of_header(header: laspy.LasHeader, name: str) -> tuple[CRS | None, str |
 
 def _only(found: Sequence[CRS | None], name: str) -> CRS | None:
     """The one CRS of records of one kind."""
-    first, *others = [crs for crs in found if crs is not None] or [None]
-    for other in others:
-        if agreed_crs(first, other) is None:
-            raise InputError(f"{name}: names two CRS, {first.name} and {other.name}; correct its header")
-    return first
+    known = [crs for crs in found if crs is not None]
+    for other in known[1:]:
+        if agreed_crs(known[0], other) is None:
+            raise InputError(f"{name}: names two CRS, {known[0].name} and {other.name}; correct its header")
+    return known[0] if known else None
 
 
 def _of_wkt(record: WktCoordinateSystemVlr) -> CRS | None:
@@ -199,7 +199,7 @@ def common_crs(clouds: Sequence[Cloud], crs: str | CRS | None = None, *, heights
         first = agreed, first[1]
     if first is None:
         raise InputError("no point clouds given")
-    if not first[0].is_projected and first[0].geodetic_crs is not None:
+    if first[0].is_geographic or first[0].is_geocentric or first[0].is_vertical:
         raise InputError(
             f"the CRS {first[0].name!r} is not projected, so lengths in metres have no meaning in it; "
             "reproject the clouds to a projected CRS (UTM or a national grid) first"

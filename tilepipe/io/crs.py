@@ -92,7 +92,7 @@ def crs_text(crs: CRS) -> str:
     >>> crs_text(CRS(CRS("EPSG:28992").to_wkt()))
     'EPSG:28992'
     >>> crs_text(CRS("+proj=utm +zone=33 +ellps=GRS80"))[:23]  # no datum, so it is not EPSG:25833
-    'PROJCRS["UTM zone 33N",'
+    'PROJCRS["unknown",BASEG'
     """
     authority = None if crs.is_bound else crs.to_authority(min_confidence=100)
     return ":".join(authority) if authority else crs.to_wkt("WKT2_2019")
