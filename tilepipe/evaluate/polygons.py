@@ -269,7 +269,8 @@ def evaluate_areas(
     (0.67, 1.0)
     """
     extracted, true = read_result(result).of(POLYGONS), read_layer(truth, "truth").of(POLYGONS)
-    metres = extracted.metres_per_unit
+    # one length of a unit for both, but each must have one
+    metres, _ = extracted.metres_per_unit, true.metres_per_unit
     a, b = (in_metres(layer.table.geometry.to_numpy(), metres) for layer in (extracted, true))
     crs, other = extracted.table.crs, true.table.crs
     if not _same_plane(crs, other):
