@@ -1,4 +1,4 @@
-"""The command line of the benchmarks: ``python -m benchmarks kernels``, or ``streets``, ``objects``, ``edges``."""
+"""The command line of the benchmarks: ``python -m benchmarks kernels``, or a pipeline's name, or ``memory``."""
 
 from __future__ import annotations
 
@@ -30,7 +30,12 @@ def main() -> None:
     edges.add_argument("--scenes", nargs="+", choices=("city", "photograph"), help="some; all by default")
     edges.add_argument("--only", choices=("optimisers", "lines", "pipeline"), help="one part; no page")
     edges.add_argument("--data", type=Path, help="folder of the photograph and of the Potts energy")
-    for command in (kernels, streets, objects, edges):
+    memory = commands.add_parser("memory", help="peak memory on the worst contents beside the plan")
+    memory.add_argument("--tile", type=int, default=1024, help="side of the tiles in pixels")
+    memory.add_argument("--workers", type=int, nargs="+", default=[2], help="numbers of workers")
+    memory.add_argument("--executors", nargs="+", choices=("threads", "processes"), default=["threads", "processes"])
+    memory.add_argument("--only", default="", help="contents whose name holds this text; no page")
+    for command in (kernels, streets, objects, edges, memory):
         command.add_argument("--size", type=int, nargs="+", help="side of the scene in pixels; several for pipelines")
         command.add_argument("--quick", action="store_true", help="a small scene, few rounds, no page: under a minute")
         command.add_argument("--rounds", type=int, help="repetitions after the warm-up")
@@ -73,6 +78,18 @@ def main() -> None:
         )
     elif arguments.command == "edges":
         _run_edges(arguments, page)
+    elif arguments.command == "memory":
+        from benchmarks.memory import page as benchmark_of_memory
+
+        benchmark_of_memory.run_memory(
+            sizes=arguments.size or [benchmark_of_memory.QUICK_SIZE if arguments.quick else benchmark_of_memory.SIZE],
+            tile=arguments.tile,
+            workers=arguments.workers,
+            executors=arguments.executors,
+            contents=[name for name in benchmark_of_memory.CONTENTS if arguments.only in name],
+            scratch=arguments.scratch,
+            **page,
+        )
     else:
         from benchmarks.streets.page import QUICK_SIZE, SIZE, run_streets
 

@@ -16,6 +16,10 @@ class InputError(ValueError):
     """
 
 
+class MemoryLimitError(InputError):
+    """What the finished tiles hold needs more than ``--memory``; they are kept, and a run with more memory goes on."""
+
+
 class TileError(RuntimeError):
     """A tile of a pass failed; the message names the tile and the cause (exit code 1)."""
 

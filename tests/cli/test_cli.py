@@ -15,9 +15,10 @@ import rasterio
 import typer
 
 import tilepipe
+from benchmarks.memory.contents import write_content
 from tests.laws import Killed, layer_bytes, tiles
 from tests.scenes import SMALL, band, draw, write_raster
-from tilepipe import cli
+from tilepipe import cli, plan_objects
 from tilepipe.cli.pipelines import assignments
 from tilepipe.engine.options import RunOptions, format_memory, parse_memory
 from tilepipe.errors import InputError
@@ -401,6 +402,19 @@ def wide_city(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("city")
     city = City(seed=0, rows=2048, columns=2048, resolution=0.5)
     return write_city(folder, city, layers=("intensity",), truth=False)["intensity"]
+
+
+@pytest.mark.slow
+def test_noise_keeps_to_what_it_may_need_at_most(tmp_path):
+    raster = write_content(tmp_path, "white noise", 768, heights=True)
+    options = RunOptions(tile=512, workers=1)
+    finest = {"smallest_leaf": 0.5, "minimum_area": 0.0}
+    allowed = plan_objects(raster, params=finest, options=options).most_memory
+    command = [sys.executable, "-m", "tilepipe", "objects", str(raster), "--out", str(tmp_path / "run"), "--quiet"]
+    settings = [part for name, value in finest.items() for part in ("--set", f"{name}={value}")]
+    limits = ["--tile", "512", "--workers", "1", "--memory", f"{allowed >> 10}KiB"]
+    measured = _peak_memory([*command, *settings, *limits])
+    assert measured <= allowed, f"measured {format_memory(measured)}, allowed {format_memory(allowed)}"
 
 
 @pytest.mark.slow

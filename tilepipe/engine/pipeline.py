@@ -79,6 +79,28 @@ Amount = int | Callable[[Setting], int]
 _UNDECLARED = -1
 
 
+@dataclass(frozen=True)
+class Gathered:
+    """Facts of a pass that what follows it holds for the whole raster at once.
+
+    Attributes
+    ----------
+    items
+        What they are, for people: ``leaves``.
+    rows
+        The fact, of all that the pass leaves, of which each row is one of them.
+    bytes_per_row
+        Most that is held for each until the end of the run, in bytes; what is made of it counts too.
+    most
+        Most of them that a raster can have, whatever it holds.
+    """
+
+    items: str
+    rows: str
+    bytes_per_row: Amount
+    most: Callable[[Setting], int]
+
+
 def _always(_: Setting) -> bool:
     return True
 
@@ -103,6 +125,10 @@ class Pass:
         Peak working memory of the function per pixel that it reads.
     writes
         State that the function fills, by name.
+    gathers
+        What of its facts is held for the whole raster at once: counted, against ``--memory``, when the pass is done.
+    fewer
+        What a user can set to have less of it, in a few words.
     needed
         Whether a run has this pass; by default every run.
     on_device
@@ -114,6 +140,8 @@ class Pass:
     halo: Amount = _UNDECLARED
     bytes_per_pixel: Amount = _UNDECLARED
     writes: Mapping[str, State] = field(default_factory=dict)
+    gathers: tuple[Gathered, ...] = ()
+    fewer: str = ""
     needed: Callable[[Setting], bool] = _always
     on_device: bool = True
 
@@ -149,7 +177,8 @@ class Pipeline:
     seeded
         Whether results depend on ``--seed``.
     bytes_per_megapixel
-        What reconciliations hold for the whole raster.
+        What reconciliations hold for the whole raster where it is what the pipeline is made for; of other content
+        more is held, see `Gathered`.
     pictures
         ``module:function`` that draws a finished run, ``function(folder) -> list of paths``; by default its layers over
         its input.

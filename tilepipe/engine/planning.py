@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from tilepipe.engine.gathering import most_gathered
 from tilepipe.engine.options import RunOptions, format_memory
 from tilepipe.engine.pipeline import Pass, Pipeline, Setting, amount
 from tilepipe.errors import InputError
@@ -48,19 +49,32 @@ class Plan:
     workers: int
     processes: bool
     passes: tuple[PassPlan, ...]
-    global_memory: int
+    seam_memory: int
+    gathered_memory: int
+    most_gathered: int
     export_memory: int
     limit: int
     elsewhere: tuple[str, ...] = ()
 
     @property
     def memory(self) -> int:
-        """Peak memory in bytes: interpreter, hungriest pass on all workers with halos, global facts, export.
+        """Peak memory in bytes where the raster is what the pipeline is made for."""
+        return self.memory_with(self.gathered_memory)
 
-        What a pass has freed stays with the process for the most part, so the export comes on top of it.
+    @property
+    def most_memory(self) -> int:
+        """Peak memory in bytes whatever the raster holds, noise for example."""
+        return max(self.memory, self.memory_with(self.most_gathered))
+
+    def memory_with(self, gathered: int) -> int:
+        """Peak memory in bytes when so many are gathered for the whole raster.
+
+        Interpreter, hungriest pass on all workers with halos, seams, what is gathered, export.  What a pass has freed
+        stays with the process for the most part, so what comes after it comes on top.
         """
         interpreters = 1 + (self.workers if self.processes else 0)
-        return _BASE * interpreters + max(p.memory for p in self.passes) + self.global_memory + self.export_memory
+        tiles = max(item.memory for item in self.passes)
+        return _BASE * interpreters + tiles + self.seam_memory + gathered + self.export_memory
 
     @property
     def least_memory(self) -> int:
@@ -120,10 +134,14 @@ class Plan:
         ]
         for item in self.passes:
             lines.append(f"{item.name:<12}{item.halo:>10}{item.overhead:>12.0%}{format_memory(item.memory):>12}")
+        most = ""
+        if self.most_memory > self.memory:
+            most = f", at most {format_memory(self.most_memory)} whatever the raster holds"
+        everywhere = self.seam_memory + self.gathered_memory
         lines.append(f"{'export':<34}{format_memory(self.export_memory):>12}")
         lines.append(
             f"peak memory about {format_memory(self.memory)} with {counted(self.workers, 'worker')} "
-            f"(libraries {format_memory(_BASE)}, global facts {format_memory(self.global_memory)}); "
+            f"(libraries {format_memory(_BASE)}, global facts {format_memory(everywhere)}){most}; "
             f"limit {format_memory(self.limit)}"
         )
         lines += [f"reads {name}" for name in self.elsewhere]
@@ -164,7 +182,7 @@ def plan_run(pipeline: Pipeline, setting: Setting, options: RunOptions) -> Plan:
     grid = pipeline.grid(setting)
     rows, columns = grid.counts
     seams = (rows - 1) * grid.shape[1] + (columns - 1) * grid.shape[0]
-    held = int(math.prod(grid.shape) / 1e6 * pipeline.bytes_per_megapixel)
+    pixels, passes = math.prod(grid.shape), pipeline.needed_passes(setting)
     workers = min(options.workers, len(grid))
     return Plan(
         command=pipeline.name,
@@ -174,8 +192,10 @@ def plan_run(pipeline: Pipeline, setting: Setting, options: RunOptions) -> Plan:
         tiles=len(grid),
         workers=workers,
         processes=options.executor == "processes",
-        passes=tuple(_plan_pass(item, setting, grid, workers) for item in pipeline.needed_passes(setting)),
-        global_memory=2 * seams * _PER_SEAM_PIXEL + len(grid) * _PER_TILE // 16 + held,
+        passes=tuple(_plan_pass(item, setting, grid, workers) for item in passes),
+        seam_memory=2 * seams * _PER_SEAM_PIXEL + len(grid) * _PER_TILE // 16,
+        gathered_memory=int(pixels / 1e6 * pipeline.bytes_per_megapixel),
+        most_gathered=sum(most_gathered(item, setting) for item in passes),
         export_memory=_EXPORT + _EXPORT_PER_COLUMN * grid.shape[1],
         limit=options.memory,
     )

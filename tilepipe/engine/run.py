@@ -22,7 +22,7 @@ from tilepipe.engine.run_lock import RunLock, held
 from tilepipe.engine.tiles.executors import Executor, open_executor
 from tilepipe.engine.tiles.ledger import Ledger
 from tilepipe.engine.tiles.passes import BoundPass, run_pass
-from tilepipe.errors import InputError
+from tilepipe.errors import InputError, MemoryLimitError
 from tilepipe.io.identity import ChangedInputError
 from tilepipe.io.record import STATE
 from tilepipe.io.sources import Source
@@ -160,8 +160,8 @@ def _held_run(
             open_executor(options.executor, options.workers, state) as executor,
         ):
             yield Run(folder, state, lock, options, executor, progress)
-    except ChangedInputError:
-        # tiles that were finished before are good if the input turns out to be the same
+    except (ChangedInputError, MemoryLimitError):
+        # tiles that were finished before are good if the input turns out to be the same, or for a run with more memory
         raise
     except InputError:
         if began and _passes_with_facts(state) <= 1:

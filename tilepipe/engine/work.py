@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel
 
+from tilepipe.engine.gathering import Gathering
 from tilepipe.engine.layers import RasterLayer
 from tilepipe.engine.options import RunOptions
 from tilepipe.engine.pipeline import Pass, Pipeline, Setting, amount
@@ -41,6 +42,7 @@ class Work:
     def __init__(self, request: Request, run: Run) -> None:
         self.request = request
         self._run = run
+        self._gathering = Gathering(request.plan(), request.setting)
 
     @property
     def raster(self) -> Raster:
@@ -130,6 +132,11 @@ class Work:
         -------
         Ledger
             Facts of all tiles.
+
+        Raises
+        ------
+        MemoryLimitError
+            When they are so many that what gathers them would need more than the run may use; they are kept.
         """
         if declared not in self.request.pipeline.needed_passes(self.setting):
             raise ValueError(f"pass '{declared.name}' is none of those that the pipeline needs in this setting")
@@ -143,7 +150,9 @@ class Work:
             self.backend if declared.on_device else "numpy",
             self.options.device_memory,
         )
-        return self._run.run_pass(bound)
+        ledger = self._run.run_pass(bound)
+        self._gathering.count(declared, ledger)
+        return ledger
 
     def beside(self, function: Callable[..., Result], *arguments: Any) -> AbstractContextManager[Future[Result]]:
         """Run a function in a thread of its own beside a block, which ends when it has ended."""

@@ -211,7 +211,7 @@ def _locked(folder: Path) -> int | None:
     return lock
 
 
-def atomic_write_bytes(final: Path, data: bytes, *, durable: bool = False) -> None:
+def atomic_write_bytes(final: Path, *parts: bytes | memoryview, durable: bool = False) -> None:
     """Write a small file in one step; its folder must be there.
 
     For the many files of a run, which several processes, even of several machines, may write at once: errors of the
@@ -221,8 +221,8 @@ def atomic_write_bytes(final: Path, data: bytes, *, durable: bool = False) -> No
     ----------
     final
         Path of the finished file.  An existing file is replaced in one step.
-    data
-        What it holds.
+    parts
+        What it holds, end to end.
     durable
         Wait until a loss of power cannot undo it.
 
@@ -242,7 +242,8 @@ def atomic_write_bytes(final: Path, data: bytes, *, durable: bool = False) -> No
     # processes of different machines may have one number
     aside = final.with_name(f".{final.name}.{secrets.token_hex(8)}.part")
     try:
-        aside.write_bytes(data)
+        with aside.open("wb") as file:
+            file.writelines(parts)
         if durable:
             flush_to_disk(aside)
         os.replace(aside, final)

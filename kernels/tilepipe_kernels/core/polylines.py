@@ -14,6 +14,9 @@ from tilepipe_kernels.core.ragged import Int64, offsets_of, reduce_runs, take_ru
 
 Vertices = NDArray[Any]
 
+_AT_ONCE = 1 << 14
+"""Polylines whose steps are held at one time: they take several times what the vertices do."""
+
 
 @dataclass(frozen=True)
 class Polylines:
@@ -78,6 +81,10 @@ class Polylines:
 
     def lengths(self, pixel_height: float = 1.0, pixel_width: float = 1.0) -> NDArray[np.float64]:
         """Length of each, float64, shape (n,), in the unit of the pixel sizes."""
+        pieces = [part._lengths(pixel_height, pixel_width) for part in self.parts(_AT_ONCE)]
+        return np.concatenate(pieces) if pieces else np.empty(0)
+
+    def _lengths(self, pixel_height: float, pixel_width: float) -> NDArray[np.float64]:
         steps = np.abs(np.diff(self.vertices, axis=0, prepend=self.vertices[:1]).astype(np.float64))
         steps = np.hypot(steps[:, 0] * pixel_height, steps[:, 1] * pixel_width)
         steps[self.offsets[:-1]] = 0
@@ -89,6 +96,16 @@ class Polylines:
         offsets, vertices = take_runs(order, self.offsets, self.vertices)
         columns = {name: getattr(self, name)[order] for name in self._columns()}
         return replace(self, offsets=offsets, vertices=vertices, **columns)
+
+    def parts(self, size: int) -> Iterator[Self]:
+        """All, so many at a time: views, no copies."""
+        for begin in range(0, len(self), size):
+            some = slice(begin, begin + size)
+            offsets = self.offsets[begin : begin + size + 1]
+            columns = {name: getattr(self, name)[some] for name in self._columns()}
+            yield replace(
+                self, offsets=offsets - offsets[0], vertices=self.vertices[offsets[0] : offsets[-1]], **columns
+            )
 
     def with_vertices(self, kept: NDArray[np.bool_]) -> Self:
         """The same with a part of their vertices (bool, shape (m,))."""

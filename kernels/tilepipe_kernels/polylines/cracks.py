@@ -162,7 +162,9 @@ def trace_cracks(
                     cursor, cut[count, 1] = _follow(corners, i, j, heading, origin, vertices, cursor)
                     count += 1
                     offsets[count] = cursor
-    # Copies, so that the generous bounds do not stay in memory.
+    # Copies, so that generous bounds do not stay in memory; where they are not generous there is no room for copies.
+    if 2 * cursor > total:
+        return offsets[: count + 1], vertices[:cursor], cut[:count]
     return offsets[: count + 1].copy(), vertices[:cursor].copy(), cut[:count].copy()
 
 

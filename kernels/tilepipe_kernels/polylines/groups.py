@@ -83,12 +83,33 @@ def meet_others(
     -------
     ndarray of bool, shape (n,)
     """
-    ends = polylines.ends
-    _, place, count = np.unique(place_numbers(ends), return_inverse=True, return_counts=True)
     top, bottom, left, right = window
-    row, column = ends[:, 0] - origin[0], ends[:, 1] - origin[1]
-    inside = (row > top) & (row < bottom) & (column > left) & (column < right)
-    # both ends of a ring are one place
-    alone = inside & (count[place] == np.where(np.repeat(polylines.closed, 2), 2, 1))
-    meet: NDArray[np.bool_] = ~alone.reshape(-1, 2).all(axis=1)
+    corner = origin[0] + top, origin[1] + left
+    ends = _ends_at_corners(polylines.offsets, polylines.vertices, corner, (bottom - top + 1, right - left + 1))
+    return _meeting(polylines.offsets, polylines.vertices, corner, ends)
+
+
+@loop
+def _ends_at_corners(
+    offsets: Int64, vertices: Vertices, corner: tuple[int, int], shape: tuple[int, int]
+) -> NDArray[np.uint8]:
+    """How many ends of polylines lie at each corner of the core, the upper left one at ``corner``."""
+    ends = np.zeros(shape, np.uint8)
+    for i in range(len(offsets) - 1):
+        for k in (offsets[i], offsets[i + 1] - 1):
+            ends[vertices[k, 0] - corner[0], vertices[k, 1] - corner[1]] += 1
+    return ends
+
+
+@loop
+def _meeting(offsets: Int64, vertices: Vertices, corner: tuple[int, int], ends: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    meet = np.zeros(len(offsets) - 1, np.bool_)
+    for i in range(meet.size):
+        first, last = vertices[offsets[i]], vertices[offsets[i + 1] - 1]
+        # both ends of a ring are one place
+        own = 2 if first[0] == last[0] and first[1] == last[1] else 1
+        for end in (first, last):
+            row, column = end[0] - corner[0], end[1] - corner[1]
+            inside = 0 < row < ends.shape[0] - 1 and 0 < column < ends.shape[1] - 1
+            meet[i] |= not inside or ends[row, column] != own
     return meet

@@ -6,7 +6,8 @@ bounds on its left. Its shells run counter-clockwise on a map with north up, its
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -42,6 +43,20 @@ class PolygonRings:
     polygon_offsets: Int64
     ring_offsets: Int64
     half_arcs: Int32
+
+    def parts(self, size: int) -> Iterator[PolygonRings]:
+        """All, the polygons of so many regions at a time."""
+        first = np.flatnonzero(np.diff(self.region, prepend=0) != 0)
+        bounds = np.append(first[::size], len(self.region))
+        for begin, end in itertools.pairwise(bounds):
+            polygons = self.polygon_offsets[begin : end + 1]
+            rings = self.ring_offsets[polygons[0] : polygons[-1] + 1]
+            yield PolygonRings(
+                self.region[begin:end],
+                polygons - polygons[0],
+                rings - rings[0],
+                self.half_arcs[rings[0] : rings[-1]],
+            )
 
     def coordinates(self, arcs: Arcs, transform: Sequence[float]) -> tuple[NDArray[np.float64], Int64]:
         """Coordinates (x, y) of all rings, float64, shape (m, 2), and the bounds of the rings, int64, shape (r + 1,).

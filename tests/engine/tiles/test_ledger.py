@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import tracemalloc
+from io import BytesIO
+
 import numpy as np
 import pytest
 
@@ -24,15 +27,15 @@ def test_facts_come_back(tmp_path):
 
 @pytest.mark.parametrize("position", [0, 10, -1])
 def test_a_changed_byte_is_noticed(position):
-    data = bytearray(pack({"a": np.arange(100)}))
+    data = bytearray(b"".join(pack({"a": np.arange(100)})))
     data[position] ^= 1
     with pytest.raises(ValueError, match="damaged"):
-        layout(bytes(data))
+        layout(BytesIO(data))
 
 
 def test_a_short_file_is_noticed():
     with pytest.raises(ValueError, match="damaged"):
-        layout(pack({"a": np.arange(100)})[:-1])
+        layout(BytesIO(b"".join(pack({"a": np.arange(100)}))[:-1]))
 
 
 def test_checksum_sees_value_shape_and_type():
@@ -40,3 +43,24 @@ def test_checksum_sees_value_shape_and_type():
     others = [a + 1, a.reshape(2, 3), a.astype(np.uint32), a[::-1]]
     assert checksum(a) == checksum(a.copy())
     assert all(checksum(a) != checksum(other) for other in others)
+
+
+def test_a_file_of_facts_takes_no_second_copy_of_them(tmp_path):
+    facts = {name: np.arange(500_000) for name in "abcd"}
+    size = sum(values.nbytes for values in facts.values())
+    tracemalloc.start()
+    Ledger(tmp_path).record("r0c0", facts)
+    written = tracemalloc.get_traced_memory()[1]
+    tracemalloc.reset_peak()
+    found = Ledger(tmp_path).facts("r0c0")
+    read = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert all((found[name] == facts[name]).all() for name in facts)
+    assert written < size / 4 and read < 1.25 * size
+
+
+def test_rows_are_counted_from_the_heads_of_the_files(tmp_path):
+    ledger = Ledger(tmp_path)
+    ledger.record("r0c0", {"edges": np.zeros((3, 2)), "count": np.zeros(0)})
+    ledger.record("r0c1", {"edges": np.zeros((4, 2)), "count": np.zeros(5)})
+    assert ledger.rows() == {"edges": 7, "count": 5}

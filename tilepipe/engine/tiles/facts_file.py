@@ -8,7 +8,7 @@ import zlib
 from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,18 +28,26 @@ def checksum(array: NDArray[Any]) -> int:
     (True, False)
     """
     header = f"{array.dtype.str}{array.shape}".encode()
-    return zlib.crc32(np.ascontiguousarray(array).reshape(-1).view(np.uint8).data, zlib.crc32(header))
+    return zlib.crc32(_bytes_of(np.ascontiguousarray(array)), zlib.crc32(header))
 
 
-def pack(arrays: Mapping[str, NDArray[Any]]) -> bytes:
-    """Named arrays as bytes: CRC-32 of the rest, length of the header, header (JSON), the arrays end to end.
+Part = bytes | memoryview
+
+_READ = 1 << 20
+"""Bytes that are read at once for a checksum."""
+
+
+def pack(arrays: Mapping[str, NDArray[Any]]) -> list[Part]:
+    """Named arrays as parts of a file: CRC-32 of the rest, length of the header, header (JSON), the arrays end to end.
+
+    The parts of arrays are their own memory: a file takes no more of it than they do.
 
     Examples
     --------
     >>> from pathlib import Path
     >>> import numpy as np
     >>> from tilepipe.engine.tiles.facts_file import pack, read_facts
-    >>> data = pack({"top": np.array([1, 2]), "count": np.array([3])})
+    >>> data = b"".join(pack({"top": np.array([1, 2]), "count": np.array([3])}))
     >>> _ = Path("whole.facts").write_bytes(data), Path("cut.facts").write_bytes(data[:-1])
     >>> {name: values.tolist() for name, values in read_facts(Path("whole.facts")).items()}
     {'top': [1, 2], 'count': [3]}
@@ -50,36 +58,68 @@ def pack(arrays: Mapping[str, NDArray[Any]]) -> bytes:
     """
     flat = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
     header = json.dumps([[name, array.dtype.str, array.shape] for name, array in flat.items()]).encode()
-    body = b"".join([len(header).to_bytes(4, "little"), header, *(array.tobytes() for array in flat.values())])
-    return zlib.crc32(body).to_bytes(4, "little") + body
+    parts: list[Part] = [len(header).to_bytes(4, "little"), header, *(_bytes_of(array) for array in flat.values())]
+    check = 0
+    for part in parts:
+        check = zlib.crc32(part, check)
+    return [check.to_bytes(4, "little"), *parts]
+
+
+def _bytes_of(array: NDArray[Any]) -> memoryview:
+    return array.reshape(-1).view(np.uint8).data
 
 
 Layout = tuple[tuple[str, str, tuple[int, ...], int], ...]
 """Name, dtype, shape and first byte of each array in a file."""
 
 
-def layout(data: bytes) -> Layout:
-    """Where the arrays of `pack` lie in a file.
+def layout(file: BinaryIO) -> Layout:
+    """Where the arrays of `pack` lie in a file, which is read to its end.
 
     Raises
     ------
     ValueError
-        When the bytes are damaged or cut short.
+        When the file is damaged or cut short.
     """
-    if len(data) < 8 or zlib.crc32(memoryview(data)[4:]) != int.from_bytes(data[:4], "little"):
+    found, check = file.read(4), 0
+    while part := file.read(_READ):
+        check = zlib.crc32(part, check)
+    if len(found) < 4 or check != int.from_bytes(found, "little"):
         raise ValueError("damaged or incomplete file")
-    start = 8 + int.from_bytes(data[4:8], "little")
-    found = []
-    for name, dtype, shape in json.loads(data[8:start]):
+    return _header(file)
+
+
+def _header(file: BinaryIO) -> Layout:
+    file.seek(4)
+    size = int.from_bytes(file.read(4), "little")
+    start, found = 8 + size, []
+    for name, dtype, shape in json.loads(file.read(size)):
         found.append((name, dtype, tuple(shape), start))
         start += math.prod(shape) * np.dtype(dtype).itemsize
     return tuple(found)
 
 
+def count_rows(path: Path) -> dict[str, int]:
+    """Rows of each array of a file, from its header alone, whose checksum is left to `read_facts`.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> import numpy as np
+    >>> from tilepipe.engine.tiles.facts_file import count_rows, pack
+    >>> _ = Path("tile.facts").write_bytes(b"".join(pack({"edges": np.zeros((7, 2)), "count": np.zeros(3)})))
+    >>> count_rows(Path("tile.facts"))
+    {'edges': 7, 'count': 3}
+    """
+    with path.open("rb") as file:
+        return {name: shape[0] for name, _, shape, _ in _header(file) if shape}
+
+
 @lru_cache(maxsize=4096)
 def _checked_layout(path: Path, _modified: int) -> Layout:
     """Layout of a file; its checksum is verified once per process."""
-    return layout(path.read_bytes())
+    with path.open("rb") as file:
+        return layout(file)
 
 
 def read_facts(path: Path, prefix: str = "") -> Facts:

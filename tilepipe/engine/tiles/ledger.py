@@ -7,11 +7,12 @@ on disk; a tile that does not verify is computed again.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from tilepipe.engine.tiles.facts_file import pack, read_facts
+from tilepipe.engine.tiles.facts_file import count_rows, pack, read_facts
 from tilepipe.io.atomic import atomic_write_bytes
 from tilepipe.tiling.facts import Facts
 
@@ -48,7 +49,7 @@ class Ledger:
             When the folder of the state is gone: another run has begun, and nobody wants this tile.
         """
         self.folder.mkdir(exist_ok=True)
-        atomic_write_bytes(self.path(tile_name), pack(facts))
+        atomic_write_bytes(self.path(tile_name), *pack(facts))
 
     def facts(self, tile_name: str, prefix: str = "") -> Facts:
         """Facts of a finished tile whose names begin with ``prefix``.
@@ -85,6 +86,25 @@ class Ledger:
         except FileNotFoundError:
             return False
         return True
+
+    def rows(self) -> Counter[str]:
+        """Rows of each fact, of all finished tiles together; reads no more than the heads of their files.
+
+        Examples
+        --------
+        >>> from pathlib import Path
+        >>> import numpy as np
+        >>> from tilepipe.engine.tiles.ledger import Ledger
+        >>> ledger = Ledger(Path("leaves"))
+        >>> for tile in ("r0c0", "r0c1"):
+        ...     ledger.record(tile, {"edges": np.zeros((5, 2), np.int32)})
+        >>> ledger.rows()["edges"]
+        10
+        """
+        total: Counter[str] = Counter()
+        for name in self.done():
+            total.update(count_rows(self.path(name)))
+        return total
 
     def forget(self, tile_name: str) -> None:
         """Mark a tile as not done."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,7 +10,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe.engine.pipeline import Pass, Setting, State
+from tilepipe.engine.gathering import most_cracks
+from tilepipe.engine.pipeline import Gathered, Pass, Setting, State
 from tilepipe.engine.tiles.state import StateArray, write_state
 from tilepipe.engine.work import Work
 from tilepipe.pipelines.edges.layers import LINES, NODATA, SEGMENTS
@@ -62,6 +64,9 @@ class FieldContext:
         )
 
 
+_TRACING = 115
+"""Bytes per pixel of grey values and of edge lines between all pixels, as measured."""
+
 _BEYOND = 2
 """Pixels around a core whose lines its fragments and the terms of its energy depend on."""
 
@@ -87,7 +92,7 @@ def bytes_per_pixel(setting: Setting) -> int:
     parameters: EdgeParameters = setting.parameters
     k = parameters.levels
     levels = 60 + 18 * k if parameters.optimiser == "messages" else 36 + 4 * k
-    return 16 + max(levels, 72 if parameters.scheme == "integrated" else 0)
+    return 16 + max(levels, 72 if parameters.scheme == "integrated" else 0, _TRACING)
 
 
 def find_fields(context: FieldContext, tile: Tile) -> Facts:
@@ -117,6 +122,16 @@ FIELDS = Pass(
     find_fields,
     halo=halo,
     bytes_per_pixel=bytes_per_pixel,
+    # measured on noise: joined, smoothed, compared with each other, and written
+    gathers=(
+        Gathered("edge lines", "contrast", bytes_per_row=240, most=most_cracks),
+        Gathered("corners of edge lines", "vertices", bytes_per_row=50, most=lambda setting: 2 * most_cracks(setting)),
+        # thin: of two neighbours across an edge one is an element
+        Gathered(
+            "edge elements", "element:pixel", bytes_per_row=80, most=lambda setting: math.prod(setting.shape) // 2
+        ),
+    ),
+    fewer="use fewer levels, a larger minimum_length, or a smaller edge_share",
     writes={"levels": State("uint8", NODATA), "lines": State("uint8", NODATA)},
 )
 
@@ -171,8 +186,10 @@ def _fragments(
     """Fragments of lines; those that meet no other, in this tile or beyond it, only if they are long enough."""
     window = core.as_tuple()
     found = trace_crack_lines(h, v, grey, window, origin)
-    kept = found.taken((found.lengths() >= least) | found.cut.any(axis=1) | meet_others(found, window, origin))
-    return {name: getattr(kept, name) for name in FRAGMENT_COLUMNS}
+    kept = (found.lengths() >= least) | found.cut.any(axis=1) | meet_others(found, window, origin)
+    # where lines lie thickest all meet, and no room is left for a second copy of them
+    found = found if kept.all() else found.taken(kept)
+    return {name: getattr(found, name) for name in FRAGMENT_COLUMNS}
 
 
 def _energy(terms: EnergyTerms, unresolved: int) -> Facts:

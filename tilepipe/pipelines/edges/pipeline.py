@@ -20,7 +20,7 @@ from tilepipe.pipelines.edges.pass_fields import FIELDS
 from tilepipe.pipelines.edges.pass_levels import LEVELS
 from tilepipe.pipelines.edges.recipe import recipe
 
-_PER_MEGAPIXEL = 12_000_000
+_PER_MEGAPIXEL = 18_000_000
 """Lines of a city at half a metre and edge elements in bytes per Mpx, while tables are made of them."""
 
 

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe.engine.pipeline import Pass
+from tilepipe.engine.gathering import most_cracks
+from tilepipe.engine.pipeline import Gathered, Pass
 from tilepipe.engine.tiles.relabel import read_relabelled
 from tilepipe.engine.tiles.state import StateArray
 from tilepipe.engine.work import Work
@@ -48,4 +49,17 @@ def trace_borders(context: RegionContext, tile: Tile) -> Facts:
 
 
 # it traces on the host, from labels that lie on disk
-BORDERS = Pass("borders", trace_borders, halo=1, bytes_per_pixel=40, on_device=False)
+BORDERS = Pass(
+    "borders",
+    trace_borders,
+    halo=1,
+    # of regions of single pixels
+    bytes_per_pixel=110,
+    # measured on noise: joined, simplified, assembled and written as polygons
+    gathers=(
+        Gathered("borders", "left", bytes_per_row=96, most=most_cracks),
+        Gathered("corners of borders", "vertices", bytes_per_row=48, most=lambda setting: 2 * most_cracks(setting)),
+    ),
+    fewer="join more of the regions (minimum_area, merge_height)",
+    on_device=False,
+)

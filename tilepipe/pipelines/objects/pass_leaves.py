@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe.engine.pipeline import Pass, Setting, State
+from tilepipe.engine.pipeline import Gathered, Pass, Setting, State
 from tilepipe.engine.tiles.state import StateArray, write_state
 from tilepipe.engine.work import Work
 from tilepipe.io.raster import Raster
@@ -102,4 +102,34 @@ def find_leaves(context: LeafContext, tile: Tile) -> Facts:
     return facts | write_state({"labels": context.labels}, tile, {"labels": labels}) | border_facts("label", labels)
 
 
-LEAVES = Pass("leaves", find_leaves, halo=halo, bytes_per_pixel=60, writes={"labels": State("int32")})
+def _smallest_side(setting: Setting) -> int:
+    p: ObjectParameters = setting.parameters
+    return p.leaf_sides(setting.resolution)[0]
+
+
+def smallest_squares(setting: Setting) -> int:
+    """Smallest squares that cover the raster."""
+    smallest = _smallest_side(setting)
+    rows, columns = setting.shape
+    return -(-rows // smallest) * -(-columns // smallest)
+
+
+def bytes_per_pixel(setting: Setting) -> int:
+    """Peak memory of the pass per pixel, as measured: heights and their relief, and the leaves of noise."""
+    return 70 + 110 // _smallest_side(setting) ** 2
+
+
+LEAVES = Pass(
+    "leaves",
+    find_leaves,
+    halo=halo,
+    bytes_per_pixel=bytes_per_pixel,
+    writes={"labels": State("int32")},
+    # measured on noise: the graph, its sampler, and what of the leaves stays until the tables are written
+    gathers=(
+        Gathered("leaves", "first", bytes_per_row=120, most=smallest_squares),
+        # each takes a side of a smallest square
+        Gathered("contacts", "edges", bytes_per_row=60, most=lambda setting: 2 * smallest_squares(setting)),
+    ),
+    fewer="use larger leaves (smallest_leaf, split_deviation)",
+)

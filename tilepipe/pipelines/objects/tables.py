@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from tilepipe.engine.tiles.ledger import Ledger
 from tilepipe.engine.work import Work
-from tilepipe.io.geometries import line_strings, region_polygons
-from tilepipe.io.geoparquet import ParquetWriter
+from tilepipe.io.geometries import region_polygons
+from tilepipe.io.geoparquet import ROW_GROUP, ParquetLineWriter, ParquetWriter
 from tilepipe.io.georeference import Geometry
 from tilepipe.pipelines.objects.building_table import write_buildings
 from tilepipe.pipelines.objects.layers import BOUNDARIES, OBJECTS
@@ -30,6 +30,9 @@ from tilepipe_kernels.polylines.polygons import PolygonRings, assemble_polygons
 from tilepipe_kernels.polylines.regularise.regularise import regularise_arcs
 from tilepipe_kernels.polylines.simplify import simplify_polylines
 from tilepipe_kernels.regions.contraction import pooled
+
+_POLYGONS_AT_ONCE = 4096
+"""Regions whose polygons are objects at one time: 2 kB each, of which the table keeps the bytes alone."""
 
 
 def _fragments(ledger: Ledger) -> Iterator[ArcFragments]:
@@ -114,66 +117,70 @@ def _write_objects(
 ) -> None:
     import shapely
 
-    ids, geometries = region_polygons(rings, arcs, geometry.transform)
-    # nodata can part a region, so that all are written as multipolygons
-    parts, owner = shapely.get_parts(geometries, return_index=True)
-    polygons = shapely.multipolygons(parts, indices=owner)
+    of_regions = _region_columns(leaves, merged) | _building_columns(merged.mean.size, buildings)
     with ParquetWriter(path, OBJECTS.dtypes, geometry.crs, OBJECTS.geometry) as table:
-        columns = _object_columns(ids.astype(np.int64), polygons, leaves, merged, geometry)
-        table.append(columns | _building_columns(ids, buildings), polygons)
+        # as objects geometries are many times larger than as arcs, so that there are only a few of them
+        for part in rings.parts(_POLYGONS_AT_ONCE):
+            ids, geometries = region_polygons(part, arcs, geometry.transform)
+            # nodata can part a region, so that all are written as multipolygons
+            parts, owner = shapely.get_parts(geometries, return_index=True)
+            polygons = shapely.multipolygons(parts, indices=owner)
+            columns = {name: values[ids - 1] for name, values in of_regions.items()}
+            table.append(_polygon_columns(ids.astype(np.int64), polygons, geometry.metres) | columns, polygons)
 
 
 def _write_boundaries(path: Path, arcs: Arcs, merged: Merged, geometry: Geometry) -> None:
-    with ParquetWriter(path, BOUNDARIES.dtypes, geometry.crs, BOUNDARIES.geometry) as table:
-        table.append(
-            _boundary_columns(arcs, merged, geometry.resolution),
-            line_strings(replace(arcs, vertices=geometry.coordinates(arcs.vertices))),
-        )
+    keys = (merged.graph.edges[:, 0].astype(np.int64) << 32) | merged.graph.edges[:, 1]
+    with ParquetLineWriter(path, BOUNDARIES.dtypes, geometry.crs) as table:
+        for part in arcs.parts(ROW_GROUP):
+            table.append(
+                _boundary_columns(part, keys, merged, geometry.resolution),
+                replace(part, vertices=geometry.coordinates(part.vertices)),
+            )
 
 
-def _object_columns(
-    ids: NDArray[np.int64], polygons: NDArray[Any], leaves: Leaves, merged: Merged, geometry: Geometry
-) -> dict[str, NDArray[Any]]:
-    """Attributes of the regions; areas and perimeters are those of the polygons as written."""
+def _polygon_columns(ids: NDArray[np.int64], polygons: NDArray[Any], metres: float) -> dict[str, NDArray[Any]]:
+    """Attributes of the regions' shapes; areas and perimeters are those of the polygons as written."""
     import shapely
 
-    region, at = merged.region, ids - 1
-    regions = merged.mean.size
-    own = pooled(leaves.statistics, region, regions)
-    lowest, highest = np.full(regions, np.inf, np.float32), np.full(regions, -np.inf, np.float32)
-    np.minimum.at(lowest, region, leaves.lowest)
-    np.maximum.at(highest, region, leaves.highest)
-    area = shapely.area(polygons) * geometry.metres**2
-    perimeter = shapely.length(polygons) * geometry.metres
+    area = shapely.area(polygons) * metres**2
+    perimeter = shapely.length(polygons) * metres
     return {
         "region_id": ids,
         "area_m2": area,
         "perimeter_m": perimeter,
         "compactness": 4 * np.pi * area / perimeter**2,
-        "height_mean": own.mean[at],
-        "height_min": lowest[at].astype(np.float64),
-        "height_max": highest[at].astype(np.float64),
-        "height_deviation": np.sqrt(own.spread / own.count)[at],
-        "posterior_mean": merged.mean[at],
-        "posterior_deviation": merged.deviation[at],
-        "leaves": np.bincount(region, minlength=regions)[at],
     }
 
 
-def _building_columns(ids: NDArray[Any], buildings: Buildings | None) -> dict[str, NDArray[Any]]:
-    if buildings is None:
-        return dict.fromkeys(("height_above_ground", "building_probability"), np.full(len(ids), np.nan))
+def _region_columns(leaves: Leaves, merged: Merged) -> dict[str, NDArray[Any]]:
+    """Attributes of all regions, in the order of their ids."""
+    region, regions = merged.region, merged.mean.size
+    own = pooled(leaves.statistics, region, regions)
+    lowest, highest = np.full(regions, np.inf, np.float32), np.full(regions, -np.inf, np.float32)
+    np.minimum.at(lowest, region, leaves.lowest)
+    np.maximum.at(highest, region, leaves.highest)
     return {
-        "height_above_ground": buildings.above[ids - 1],
-        "building_probability": buildings.probability[ids - 1],
+        "height_mean": own.mean,
+        "height_min": lowest.astype(np.float64),
+        "height_max": highest.astype(np.float64),
+        "height_deviation": np.sqrt(own.spread / own.count),
+        "posterior_mean": merged.mean,
+        "posterior_deviation": merged.deviation,
+        "leaves": np.bincount(region, minlength=regions),
     }
 
 
-def _boundary_columns(arcs: Arcs, merged: Merged, pixel: float) -> dict[str, NDArray[Any]]:
+def _building_columns(regions: int, buildings: Buildings | None) -> dict[str, NDArray[Any]]:
+    if buildings is None:
+        return dict.fromkeys(("height_above_ground", "building_probability"), np.full(regions, np.nan))
+    return {"height_above_ground": buildings.above, "building_probability": buildings.probability}
+
+
+def _boundary_columns(arcs: Arcs, keys: NDArray[np.int64], merged: Merged, pixel: float) -> dict[str, NDArray[Any]]:
     left, right = arcs.left.astype(np.int64), arcs.right.astype(np.int64)
     inner = np.flatnonzero((left > 0) & (right > 0))
     ends = np.sort(np.stack([left[inner], right[inner]], axis=1) - 1, axis=1)
-    keys = (merged.graph.edges[:, 0].astype(np.int64) << 32) | merged.graph.edges[:, 1]
     edge = np.searchsorted(keys, (ends[:, 0] << 32) | ends[:, 1])
     step, probability = np.full((2, left.size), np.nan)
     step[inner] = merged.mean[left[inner] - 1] - merged.mean[right[inner] - 1]

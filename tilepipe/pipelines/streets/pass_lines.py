@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe.engine.pipeline import Pass, Setting
+from tilepipe.engine.pipeline import Gathered, Pass, Setting
 from tilepipe.engine.tiles.relabel import read_relabelled
 from tilepipe.engine.tiles.state import StateArray
 from tilepipe.engine.work import Work
@@ -132,7 +133,58 @@ def find_lines(context: LineContext, tile: Tile) -> Facts:
     return _ridge_lines(context, tile, mask, image, ids) | _medial_axis(context, tile, mask, image, ids)
 
 
-LINES = Pass("lines", find_lines, halo=halo, bytes_per_pixel=60)
+@dataclass(frozen=True)
+class Net:
+    """The densest net of lines that tiles can hold: crossing lines at the least distance from each other, in pixels."""
+
+    spacing: int
+
+    @classmethod
+    def of_ridges(cls, setting: Setting) -> Net:
+        """A Gaussian leaves no two lines apart that are nearer than its σ."""
+        return cls(max(2, math.floor(setting.parameters.sigma_in_pixels(setting.resolution))))
+
+    @classmethod
+    def of_axes(cls, setting: Setting) -> Net:
+        """Between two axes there are half of each opened street and a gap."""
+        return cls(2 + 2 * math.floor(setting.parameters.opening_radius / setting.resolution))
+
+    def fragments(self, setting: Setting) -> int:
+        """Fragments of all tiles: two to each crossing."""
+        rows, columns = setting.shape
+        tiles = -(-rows // setting.tile) * -(-columns // setting.tile)
+        crossings = [-(-min(setting.tile, side) // self.spacing) + 1 for side in (rows, columns)]
+        return 2 * tiles * math.prod(crossings)
+
+    def points(self, setting: Setting) -> int:
+        """Their points, each with both its crossings."""
+        return self.fragments(setting) * (self.spacing + 1)
+
+
+def bytes_per_pixel(setting: Setting) -> int:
+    """Peak memory of the pass per pixel, as measured: images and distances, and 32 bytes for each point of a line."""
+    points = Net.of_ridges(setting).points(setting) + Net.of_axes(setting).points(setting)
+    return 60 + math.ceil(32 * points / math.prod(setting.shape))
+
+
+def _gathered(prefix: str, net: Callable[[Setting], Net]) -> tuple[Gathered, Gathered]:
+    """What one way to centerlines leaves: the graph of the streets and the points of a few tiles, measured on nets."""
+    return (
+        Gathered(
+            f"pieces of {prefix} lines", f"{prefix}:end_kind", 600, lambda setting: net(setting).fragments(setting)
+        ),
+        Gathered(f"points of {prefix} lines", f"{prefix}:pixels", 80, lambda setting: net(setting).points(setting)),
+    )
+
+
+LINES = Pass(
+    "lines",
+    find_lines,
+    halo=halo,
+    bytes_per_pixel=bytes_per_pixel,
+    gathers=_gathered(RIDGE, Net.of_ridges) + _gathered(AXIS, Net.of_axes),
+    fewer="drop more of the regions (minimum_size, minimum_elongation)",
+)
 
 
 def _clean(context: LineContext, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe.engine.pipeline import Pass, Setting, State
+from tilepipe.engine.pipeline import Gathered, Pass, Setting, State
 from tilepipe.engine.request import AlignedRaster
 from tilepipe.engine.tiles.state import StateArray, write_state
 from tilepipe.engine.work import Work
@@ -101,12 +101,22 @@ def segment(context: SegmentContext, tile: Tile) -> Facts:
     return facts | table | border_facts("label", labels) | border_facts("grey", centres)
 
 
+def most_regions(setting: Setting) -> int:
+    """Regions that are large enough, and those that reach a seam, at most."""
+    p: StreetParameters = setting.parameters
+    rows, columns = -(-setting.shape[0] // p.rectangle_rows), -(-setting.shape[1] // p.rectangle_columns)
+    seams = 2 * (rows * -(-setting.shape[1] // setting.tile) + columns * -(-setting.shape[0] // setting.tile))
+    return min(rows * columns, rows * columns // minimum_rectangles(p, setting.resolution) + seams)
+
+
 SEGMENT = Pass(
     "segment",
     segment,
     halo=halo,
-    bytes_per_pixel=40,
+    bytes_per_pixel=60,
     writes={"labels": State("uint32", per_cell=True), "grey": State("uint16", grey_levels.NO_REGION)},
+    gathers=(Gathered("regions", "first", bytes_per_row=250, most=most_regions),),
+    fewer="drop more of the regions (minimum_size)",
 )
 
 

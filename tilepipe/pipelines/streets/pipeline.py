@@ -35,6 +35,8 @@ PIPELINE = Pipeline(
     cell=_rectangle,
     passes=(LEVELS, SEGMENT, RESPONSES, LINES),
     recipe=recipe,
+    # lines of a city at half a metre
+    bytes_per_megapixel=2_000_000,
     layers=(REGIONS, CENTERLINES, SKELETON),
     pictures="tilepipe.pipelines.streets.pictures:pictures",
     warm_up="tilepipe.pipelines.streets.warm_up:warm_up",

@@ -1,0 +1,90 @@
+"""What reconciliations gather of a whole raster: the most that there can be, and what there is once a pass is done."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from tilepipe.engine.options import format_memory
+from tilepipe.engine.pipeline import Pass, Setting, amount
+from tilepipe.engine.tiles.ledger import Ledger
+from tilepipe.errors import MemoryLimitError
+
+if TYPE_CHECKING:
+    from tilepipe.engine.planning import Plan
+
+
+def most_cracks(setting: Setting) -> int:
+    """Sides of pixels of a raster, those on its border too: more borders and edge lines than these there are not.
+
+    Examples
+    --------
+    >>> from tilepipe.engine.gathering import most_cracks
+    >>> from tilepipe.engine.pipeline import Setting
+    >>> most_cracks(Setting(parameters=None, shape=(1, 2), resolution=0.5, tile=64))
+    7
+    """
+    rows, columns = setting.shape
+    return rows * (columns + 1) + (rows + 1) * columns
+
+
+def most_gathered(declared: Pass, setting: Setting) -> int:
+    """Most bytes that what follows a pass holds, whatever the raster holds.
+
+    Examples
+    --------
+    >>> from tilepipe.engine.gathering import most_gathered
+    >>> from tilepipe.engine.pipeline import Gathered, Pass, Setting
+    >>> peaks = Gathered("peaks", "peak", bytes_per_row=40, most=lambda setting: setting.shape[0])
+    >>> find = Pass("find", lambda context, tile: {}, halo=1, bytes_per_pixel=8, gathers=(peaks,))
+    >>> most_gathered(find, Setting(parameters=None, shape=(100, 200), resolution=0.5, tile=64))
+    4000
+    """
+    return sum(item.most(setting) * amount(item.bytes_per_row, setting) for item in declared.gathers)
+
+
+@dataclass
+class Gathering:
+    """What the passes of a run have left to gather, held against its plan.
+
+    Attributes
+    ----------
+    plan
+        Of the run.
+    setting
+        What its passes depend on.
+    held
+        Bytes for each pass that is done, by its name.
+    """
+
+    plan: Plan
+    setting: Setting
+    held: dict[str, int] = field(default_factory=dict)
+
+    def count(self, declared: Pass, ledger: Ledger) -> None:
+        """Count what a pass has left, before anything of it is gathered.
+
+        Raises
+        ------
+        MemoryLimitError
+            When it needs more than ``--memory`` together with all else; says of what there is so much, and what to do.
+        """
+        if not declared.gathers:
+            return
+        rows = ledger.rows()
+        self.held[declared.name] = sum(
+            rows[item.rows] * amount(item.bytes_per_row, self.setting) for item in declared.gathers
+        )
+        needed = self.plan.memory_with(sum(self.held.values()))
+        if needed > self.plan.limit:
+            raise MemoryLimitError(_refusal(declared, rows, needed, self.plan.limit))
+
+
+def _refusal(declared: Pass, rows: Mapping[str, int], needed: int, limit: int) -> str:
+    found = " and ".join(f"{rows[item.rows]:,} {item.items}" for item in declared.gathers)
+    fewer = f", or {declared.fewer}" if declared.fewer else ""
+    return (
+        f"pass {declared.name} has found {found}, for which the run needs about {format_memory(needed)}, but --memory "
+        f"is {format_memory(limit)}; run the same command with a larger --memory, which goes on from here{fewer}"
+    )
