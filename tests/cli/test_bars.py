@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from tilepipe.cli.bars import COMPILING, progress_bars
+from tilepipe.cli.bars import COMPILING, COMPILING_AGAIN, progress_bars
+from tilepipe_kernels.core import cache
 from tilepipe_kernels.core.cache import tell_compiling
 
 
@@ -27,3 +28,12 @@ def test_without_compilation_or_when_quiet_nothing_is_told(capsys: pytest.Captur
     with progress_bars(quiet=True):
         tell_compiling()
     assert capsys.readouterr() == ("", "")
+
+
+def test_what_no_folder_can_keep_is_told_to_be_compiled_each_time(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(cache, "_root", lambda: cache._NOWHERE)
+    with progress_bars(quiet=False):
+        tell_compiling()
+    assert capsys.readouterr().err.strip() == COMPILING_AGAIN

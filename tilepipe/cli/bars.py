@@ -14,6 +14,9 @@ if TYPE_CHECKING:
 
 
 COMPILING = "compiling kernels for this machine: once, for about half a minute"
+COMPILING_AGAIN = (
+    "compiling kernels, about half a minute each time, for no folder can be written to keep them: set NUMBA_CACHE_DIR"
+)
 
 
 class ProgressBars:
@@ -43,8 +46,10 @@ class ProgressBars:
     def compiling(self) -> None:
         """See `tilepipe.engine.progress.Progress.compiling`; one line above the bars for all kernels."""
         if not self.told_of_compiling:
+            from tilepipe_kernels.core.cache import is_kept
+
             self.told_of_compiling = True
-            self.bars.console.print(COMPILING, highlight=False, soft_wrap=True)
+            self.bars.console.print(COMPILING if is_kept() else COMPILING_AGAIN, highlight=False, soft_wrap=True)
 
 
 @contextmanager

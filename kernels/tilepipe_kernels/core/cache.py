@@ -2,7 +2,7 @@
 
 numba keeps compiled code by the text of the one file that a function stands in, and would not notice a change of the
 rules that it calls in other files.  Here its place is named by a fingerprint of all sources that it depends on
-(`tilepipe_kernels.core.sources`), and by the versions of numba and Python::
+(`tilepipe_kernels.core.sources`), and by the versions and settings of what compiled it::
 
     ~/.cache/tilepipe/compiled/tilepipe_kernels.image.fill-5c1f0d8e6b2a4937/fill._spread-31.py311.0b9d….nbc
 
@@ -26,6 +26,7 @@ import uuid
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cache, cached_property
+from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 import numba
@@ -40,6 +41,12 @@ _NOWHERE = os.path.join(os.devnull, "no folder")
 """A folder in which nothing can be read or written."""
 
 _DAY = 86400.0
+
+_DIGEST = 32
+"""Bytes of the checksum at the start of a file."""
+
+_SETTINGS = ("OPT", "LOOP_VECTORIZE", "SLP_VECTORIZE", "BOUNDSCHECK", "DEBUGINFO_DEFAULT", "USING_SVML")
+"""Settings of numba that change what is compiled."""
 
 _listeners: list[Callable[[], None]] = []
 
@@ -82,6 +89,11 @@ def keep_grid(kernel: Any) -> None:
 
     has_rules(kernel.__module__)
     kernel._cache = _kept_by_sources(CUDACache)(kernel.py_func)
+
+
+def is_kept() -> bool:
+    """Whether there is a folder in which compiled code can be kept for other processes."""
+    return _root() != _NOWHERE
 
 
 class _OnFirstUse(_Cache):
@@ -180,9 +192,12 @@ class _Files:
         """Code of a signature and processor; None where there is none."""
         # what is wrong with a damaged file is told by errors of any kind, and cured by writing it anew
         with suppress(Exception), open(self._path(key), "rb") as file:
-            kept, data = pickle.load(file)
-            if kept == key:
-                return data
+            digest, content = file.read(_DIGEST), file.read()
+            # code with a wrong bit would run all the same
+            if digest == hashlib.sha256(content).digest():
+                kept, data = pickle.loads(content)
+                if kept == key:
+                    return data
         return None
 
     def save(self, key: Any, data: Any) -> None:
@@ -196,7 +211,7 @@ class _Files:
                 os.makedirs(self._folder, exist_ok=True)
             try:
                 with open(aside, "wb") as file:
-                    file.write(content)
+                    file.write(hashlib.sha256(content).digest() + content)
                 os.replace(aside, path)
             except OSError:
                 os.unlink(aside)
@@ -219,8 +234,7 @@ def _folder(module: str, file: str) -> str:
     sources = fingerprint(module, file)
     if sources is None:
         return _NOWHERE
-    versions = f"{numba.__version__} {sys.implementation.cache_tag}"
-    digest = hashlib.sha256(f"{versions} {sources}".encode()).hexdigest()
+    digest = hashlib.sha256(f"{_compiler()} {sources}".encode()).hexdigest()
     folder = os.path.join(_root(), f"{module}-{digest[:16]}")
     # in use: see _delete_unused
     with suppress(OSError):
@@ -229,15 +243,35 @@ def _folder(module: str, file: str) -> str:
 
 
 @cache
+def _compiler() -> str:
+    """What decides, beside the sources, what is compiled; numba's own key names the processor and the types only."""
+    settings = [getattr(numba.config, name, None) for name in _SETTINGS]
+    # numba-cuda, if it is there, takes the place of numba.cuda
+    versions = [_version_of(name) for name in ("numba", "llvmlite", "numpy", "numba-cuda")]
+    return f"{sys.implementation.cache_tag} {versions} {settings}"
+
+
+def _version_of(distribution: str) -> str:
+    """Version of an installed distribution; nothing if it is not installed."""
+    with suppress(PackageNotFoundError):
+        return version(distribution)
+    return ""
+
+
+@cache
 def _root() -> str:
     """The first folder that can be written."""
-    home = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser(os.path.join("~", ".cache"))
+    home = os.environ.get("XDG_CACHE_HOME", "")
+    if not os.path.isabs(home):
+        home = os.path.expanduser(os.path.join("~", ".cache"))
     chosen = getattr(numba.config, "CACHE_DIR")  # noqa: B009
     kept = os.path.join(chosen, "tilepipe") if chosen else os.path.join(home, "tilepipe", "compiled")
-    with suppress(OSError):
-        os.makedirs(kept, exist_ok=True)
-        tempfile.TemporaryFile(dir=kept).close()
-        return kept
+    # a user of no name and no HOME has no home, and "~" is no folder
+    if chosen or os.path.isabs(home):
+        with suppress(OSError):
+            os.makedirs(kept, exist_ok=True)
+            tempfile.TemporaryFile(dir=kept).close()
+            return kept
     with suppress(OSError):
         passing = os.path.join(tempfile.gettempdir(), f"tilepipe-compiled-{os.getuid()}")
         os.makedirs(passing, mode=0o700, exist_ok=True)

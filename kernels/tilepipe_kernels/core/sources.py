@@ -4,11 +4,16 @@ A loop holds the rules and constants that it uses, and these come from its own f
 module and of all that it imports, directly or by way of others, decides what its loops compute.  Imports are read from
 the text and not from what happens to be loaded, so that every process finds the same.  Installed libraries are taken as
 fixed, but for the packages that hold rules themselves.
+
+A text says what is compiled only if Python runs that text: not where the file has changed since the process started,
+and not where Python has taken its own compiled file for that of another text of the same size and second.
 """
 
 from __future__ import annotations
 
 import hashlib
+import importlib.util
+import marshal
 import os
 import re
 import sys
@@ -17,7 +22,23 @@ from collections.abc import Iterator
 from functools import cache
 from typing import NamedTuple
 
-_START = time.time()
+
+def _start_of_process() -> float:
+    """When this process started, for the first modules are loaded long before this one."""
+    try:
+        with open("/proc/self/stat") as file:
+            ticks = int(file.read().rpartition(")")[2].split()[19])
+        # a tick is begun, and nothing is loaded in the first: what was written just before the start is not of later
+        since_boot = (ticks + 1) / os.sysconf("SC_CLK_TCK")
+        return time.time() - time.clock_gettime(time.CLOCK_BOOTTIME) + since_boot
+    except (OSError, ValueError, AttributeError):
+        return time.time()
+
+
+_START = _start_of_process()
+_BY_TIME, _CHECKED_BY_HASH = 0, 3
+"""Kinds of Python's own compiled files (PEP 552)."""
+
 _WITH_RULES = {"tilepipe", "tilepipe_kernels"}
 
 _INVISIBLE = re.compile(r"#[^\n]*|\\\n")
@@ -55,7 +76,8 @@ def fingerprint(module: str, file: str) -> str | None:
     -------
     str or None
         The same for the same sources, wherever they lie.  None where they are not known: the module is no file (a
-        cell of a notebook, say), or a file has changed since this process started, perhaps after it was imported.
+        cell of a notebook, say), a file has changed since this process started, perhaps after it was imported, or
+        Python has loaded something else than the text.
     """
     sources = {module: file}
     waiting = [module]
@@ -69,10 +91,36 @@ def fingerprint(module: str, file: str) -> str | None:
     digest = hashlib.sha256()
     for name, path in sorted(sources.items()):
         # the time of the last change cannot be set back, as that of the last modification can
-        if not os.path.isfile(path) or os.stat(path).st_ctime > _START:
+        if not os.path.isfile(path) or os.stat(path).st_ctime > _START or not _is_loaded_as_written(path):
             return None
         digest.update(f"{name} {_read(path).digest}\n".encode())
     return digest.hexdigest()
+
+
+@cache
+def _is_loaded_as_written(path: str) -> bool:
+    """Whether what Python loads of a file is its text: Python goes by the second of the last change and the size."""
+    try:
+        kept = importlib.util.cache_from_source(path)
+        written = os.stat(kept).st_mtime_ns
+        with open(kept, "rb") as file:
+            header, code = file.read(16), file.read()
+    except (OSError, NotImplementedError):
+        return True
+    source = os.stat(path)
+    kind, second, size = (int.from_bytes(header[i : i + 4], "little") for i in (4, 8, 12))
+    if header[:4] != importlib.util.MAGIC_NUMBER or kind == _CHECKED_BY_HASH:
+        return True
+    if kind == _BY_TIME:
+        of_text = (second, size) == (int(source.st_mtime) & 0xFFFFFFFF, source.st_size & 0xFFFFFFFF)
+        if not of_text or written > source.st_ctime_ns:
+            return True
+    with open(path, "rb") as file:
+        text = file.read()
+    try:
+        return bool(marshal.loads(code) == compile(text, path, "exec", dont_inherit=True))
+    except (ValueError, EOFError, TypeError, SyntaxError):
+        return False
 
 
 def _imported(module: str, path: str) -> Iterator[str]:

@@ -44,6 +44,8 @@ def raised(value):
     return value + heights.HEIGHT
 """
 
+version_of = cache._version_of
+
 RUN = """
 from stranger.walks import result
 from tilepipe_kernels.core.cache import listening
@@ -139,10 +141,79 @@ def test_processes_that_start_together_and_a_damaged_file(tmp_path: Path, home: 
     assert run(tmp_path, **home) == "[1.0, 2.0, 3.0] False"
     kept = sorted(tmp_path.rglob("*.nbc"))
     assert {file.parent.name.rpartition("-")[0] for file in kept} == {"stranger.walks", "stranger.rules"}
-    for file in kept:
-        file.write_bytes(file.read_bytes()[:100])
+    for damage in (cut, flip, lambda content: b""):
+        for file in kept:
+            file.write_bytes(damage(file.read_bytes()))
+        assert run(tmp_path, **home) == "[1.0, 2.0, 3.0] True"
+        assert run(tmp_path, **home) == "[1.0, 2.0, 3.0] False"
+
+
+def cut(content: bytes) -> bytes:
+    return content[:100]
+
+
+def flip(content: bytes) -> bytes:
+    """One wrong bit, within the machine code."""
+    middle = len(content) // 2
+    return content[:middle] + bytes([content[middle] ^ 1]) + content[middle + 1 :]
+
+
+def test_settings_of_the_compiler_renew_all(tmp_path: Path, home: dict[str, str]) -> None:
+    write_package(tmp_path)
     assert run(tmp_path, **home) == "[1.0, 2.0, 3.0] True"
+    assert run(tmp_path, **home, NUMBA_BOUNDSCHECK="1") == "[1.0, 2.0, 3.0] True"
     assert run(tmp_path, **home) == "[1.0, 2.0, 3.0] False"
+
+
+@pytest.mark.parametrize("name", ["numba", "llvmlite", "numpy", "numba-cuda"])
+def test_each_library_that_compiles_counts(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    before = cache._compiler.__wrapped__()
+    monkeypatch.setattr(cache, "_version_of", lambda one: "other" if one == name else version_of(one))
+    assert cache._compiler.__wrapped__() != before
+
+
+@pytest.mark.parametrize("wrong", ["rules", "walks", "heights"])
+def test_text_that_python_takes_for_what_it_compiled_before_is_not_kept(
+    tmp_path: Path, home: dict[str, str], wrong: str
+) -> None:
+    write_package(tmp_path)
+    package = tmp_path / "stranger"
+    # Python's own compiled files are written this time
+    writing = {**home, "PYTHONDONTWRITEBYTECODE": ""}
+    assert run(tmp_path, **writing) == "[1.0, 2.0, 3.0] True"
+    path = package / f"{wrong}.py"
+    changed = {
+        "rules": ("value +", "value -"),
+        "walks": ("raised(values[i])", "raised(2*i + 0.0)"),
+        "heights": ("1", "5"),
+    }
+    state = path.stat()
+    path.write_text(path.read_text().replace(*changed[wrong]))
+    os.utime(path, ns=(state.st_atime_ns, state.st_mtime_ns))
+    # Python runs the old code, which must not pass for the new text's
+    assert run(tmp_path, **writing) == "[1.0, 2.0, 3.0] True"
+    shutil.rmtree(package / "__pycache__")
+    expected = {"rules": "[-1.0, 0.0, 1.0]", "walks": "[1.0, 3.0, 5.0]", "heights": "[5.0, 6.0, 7.0]"}[wrong]
+    assert run(tmp_path, **writing).startswith(expected)
+
+
+def test_no_folder_is_made_of_a_home_that_is_not_known(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XDG_CACHE_HOME", "relative")
+    monkeypatch.setattr(cache.numba.config, "CACHE_DIR", "")
+    monkeypatch.setattr(cache.tempfile, "gettempdir", lambda: str(tmp_path / "temporary"))
+    # what Python gives back where the user has no name
+    monkeypatch.setattr(cache.os.path, "expanduser", lambda path: path)
+    (tmp_path / "temporary").mkdir()
+    assert Path(cache._root.__wrapped__()).parent == tmp_path / "temporary"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["temporary"]
+
+
+def test_the_start_is_that_of_the_process() -> None:
+    code = "import time; time.sleep(1); now = time.time(); from tilepipe_kernels.core import sources\n"
+    code += "print(now - sources._START)"
+    output = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert 1 <= float(output.stdout) < 60
 
 
 def test_who_listens_hears_of_it_for_as_long_as_wanted() -> None:
@@ -179,7 +250,7 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 
 def clear() -> None:
-    for function in (sources.fingerprint, sources._file_of, sources._read):
+    for function in (sources.fingerprint, sources._file_of, sources._read, sources._is_loaded_as_written):
         function.cache_clear()
 
 
