@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.disk_calls import disk_calls
 from tilepipe.errors import InputError
 from tilepipe.io.atomic import atomic_write, atomic_write_bytes
 
@@ -88,3 +89,19 @@ def test_a_folder_that_is_gone_stays_gone(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError):
         atomic_write_bytes(tmp_path / "gone" / "file", b"late")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_what_a_loss_of_power_could_undo_is_on_disk_before_the_next_step(tmp_path: Path) -> None:
+    with disk_calls(tmp_path) as calls:
+        with atomic_write(tmp_path / "a.txt") as aside:
+            aside.write_text("whole")
+        hidden = str(aside.relative_to(tmp_path))
+        assert calls[:4] == [("fsync", hidden), ("gone", hidden), ("put", "a.txt"), ("fsync", ".")]
+        calls.clear()
+        atomic_write_bytes(tmp_path / "b.txt", b"whole", durable=True)
+        (_, part), *others = calls
+        assert part.startswith(".b.txt.") and calls[0] == ("fsync", part)
+        assert others == [("gone", part), ("put", "b.txt"), ("fsync", ".")]
+        calls.clear()
+        atomic_write_bytes(tmp_path / "c.txt", b"whole")
+        assert [kind for kind, _ in calls] == ["gone", "put"], "the many files of tiles do not wait"

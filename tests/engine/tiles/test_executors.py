@@ -7,7 +7,9 @@ import signal
 import time
 from contextlib import contextmanager
 from functools import partial
+from multiprocessing.connection import Connection
 from pathlib import Path
+from unittest.mock import patch
 
 import pytest
 
@@ -97,6 +99,38 @@ def test_an_abandoned_run_cancels_what_has_not_started(executor, tmp_path):
     time.sleep(2)
     assert len(noted(tmp_path)) <= 1 + 2 * executor.workers
     assert [result for _, result, _ in executor.run(partial(square, tmp_path), [1])] == [1]
+
+
+@pytest.mark.parametrize("kind", ["threads", "processes", "cluster"])
+def test_few_items_a_worker_are_handed_out_at_a_time(kind, request):
+    """So memory does not grow with the number of tiles."""
+    address = request.getfixturevalue("cluster").scheduler_address if kind == "cluster" else kind
+    with open_executor(address, 2) as executor, handed_out(executor) as items:
+        for taken, (item, result, error) in enumerate(executor.run(abs, range(-30, 0))):
+            assert (result, error) == (-item, None)
+            assert len(items) - taken <= 2 * executor.workers
+    assert len(items) == 30
+
+
+@contextmanager
+def handed_out(executor):
+    """Note what an executor gives to its pool, or to the pipes of its processes."""
+    noted = []
+
+    def noting(call):
+        def noted_call(*arguments, **named):
+            noted.append(arguments)
+            return call(*arguments, **named)
+
+        return noted_call
+
+    pool = getattr(executor, "pool", None) or getattr(executor, "_pool", None)
+    if pool is None:
+        with patch.object(Connection, "send_bytes", noting(Connection.send_bytes)):
+            yield noted
+    else:
+        with patch.object(pool, "submit", noting(pool.submit)):
+            yield noted
 
 
 def test_the_item_of_a_worker_that_died_is_computed_elsewhere(cluster, tmp_path):

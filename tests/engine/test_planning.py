@@ -1,0 +1,110 @@
+"""A plan counts all that is held at once: every worker's tile with its halo, and what each process needs by itself."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from pydantic import BaseModel
+
+from tilepipe.engine.options import RunOptions
+from tilepipe.engine.pipeline import Pass, Pipeline, Setting
+from tilepipe.engine.planning import Plan, plan_run
+from tilepipe.errors import InputError
+
+HALO, BYTES, TILE, SHAPE = 10, 7, 100, (450, 700)
+
+
+class Nothing(BaseModel):
+    """No parameters."""
+
+
+def nothing(context: Any, tile: Any) -> dict[str, Any]:
+    return {}
+
+
+def recipe(run: Any) -> Any:
+    return []
+
+
+HUNGRY = Pass("hungry", nothing, halo=HALO, bytes_per_pixel=BYTES)
+PIPELINE = Pipeline(
+    name="x",
+    summary="",
+    parameters=Nothing,
+    passes=(replace(HUNGRY, name="modest", bytes_per_pixel=1), HUNGRY),
+    layers=(),
+    recipe=recipe,
+)
+
+
+def plan(workers: int, executor: str = "threads", **changed: Any) -> Plan:
+    setting = replace(Setting(Nothing(), SHAPE, 1.0, TILE, frozenset(), {}), **changed)
+    return plan_run(PIPELINE, setting, RunOptions(tile=setting.tile, workers=workers, executor=executor))
+
+
+def test_each_worker_holds_a_tile_with_its_halo() -> None:
+    for workers in (1, 2, 6):
+        modest, hungry = plan(workers).passes
+        assert hungry.memory == (TILE + 2 * HALO) ** 2 * BYTES * workers
+        assert modest.memory == hungry.memory // BYTES
+        assert hungry.halo == HALO and hungry.overhead == pytest.approx(1.2**2 - 1)
+
+
+def test_the_hungriest_pass_of_all_workers_decides() -> None:
+    one, six = plan(1), plan(6)
+    assert six.memory - one.memory == 5 * (TILE + 2 * HALO) ** 2 * BYTES
+    assert one.memory - one.least_memory == one.passes[1].memory
+
+
+def test_each_process_has_an_interpreter() -> None:
+    alone = plan(3).memory
+    a, b = (plan(workers, "processes").memory - plan(workers).memory for workers in (1, 3))
+    assert a > 100 << 20 and b == 3 * a
+    assert plan(3, "tcp://host:8786").memory == alone, "the memory of others is theirs"
+
+
+def test_no_more_workers_than_tiles_work_and_no_tile_is_larger_than_the_raster() -> None:
+    whole = plan(6, tile=4096)
+    assert (whole.tiles, whole.workers) == (1, 1)
+    assert whole.passes[1].memory == SHAPE[0] * SHAPE[1] * BYTES and whole.passes[1].overhead == 0
+
+
+def test_more_pixels_tiles_and_seams_need_more() -> None:
+    usual = plan(1)
+    assert usual.tiles == 5 * 7
+    finer = plan(1, tile=50)
+    assert finer.seam_memory > usual.seam_memory > plan(1, tile=4096).seam_memory
+    # a seam has two sides
+    short, long = (plan(1, shape=(rows, 1000), tile=500) for rows in (100, 200))
+    assert (short.tiles, long.tiles) == (2, 2) and long.seam_memory - short.seam_memory == 100 * 2 * 160
+    wider = plan(1, shape=(SHAPE[0], 2 * SHAPE[1]))
+    assert wider.export_memory - usual.export_memory == SHAPE[1] * (16 << 10)
+
+
+def test_a_run_is_refused_from_the_first_byte_that_is_missing() -> None:
+    found = plan(2)
+    found.check(RunOptions(memory=found.memory))
+    with pytest.raises(InputError, match="a smaller --tile than 2048, or fewer workers than 2"):
+        found.check(RunOptions(memory=found.memory - 1))
+    with pytest.raises(InputError, match=r"a smaller --tile than 2048$"):
+        plan(1).check(RunOptions(memory=plan(1).memory - 1))
+    with pytest.raises(InputError, match="smaller --tile"):
+        found.check(RunOptions(memory=found.least_memory))
+    with pytest.raises(InputError, match="whatever the tiles"):
+        found.check(RunOptions(memory=found.least_memory - 1))
+
+
+def test_tiles_fit_into_the_memory_of_a_device_to_the_byte() -> None:
+    found = plan(2)
+    found.check_device(found.passes[1].memory, RunOptions())
+    with pytest.raises(InputError, match=r"pass hungry needs about .* or fewer workers than 2"):
+        found.check_device(found.passes[1].memory - 1, RunOptions())
+
+
+def test_there_is_room_for_one_more_process_only_if_it_fits() -> None:
+    found = plan(2)
+    interpreter = plan(1, "processes").memory - plan(1).memory
+    assert replace(found, limit=found.memory + interpreter).has_room
+    assert not replace(found, limit=found.memory + interpreter - 1).has_room
