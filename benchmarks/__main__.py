@@ -31,10 +31,11 @@ def main() -> None:
     edges.add_argument("--only", choices=("optimisers", "lines", "pipeline"), help="one part; no page")
     edges.add_argument("--data", type=Path, help="folder of the photograph and of the Potts energy")
     memory = commands.add_parser("memory", help="peak memory on the worst contents beside the plan")
-    memory.add_argument("--tile", type=int, default=1024, help="side of the tiles in pixels")
+    memory.add_argument("--tile", type=int, nargs="+", default=[1024], help="sides of the tiles in pixels")
+    memory.add_argument("--pipelines", nargs="+", choices=("streets", "objects", "edges"), help="all by default")
     memory.add_argument("--workers", type=int, nargs="+", default=[2], help="numbers of workers")
     memory.add_argument("--executors", nargs="+", choices=("threads", "processes"), default=["threads", "processes"])
-    memory.add_argument("--only", default="", help="contents whose name holds this text; no page")
+    memory.add_argument("--contents", nargs="+", help="contents whose names begin with these texts; all by default")
     for command in (kernels, streets, objects, edges, memory):
         command.add_argument("--size", type=int, nargs="+", help="side of the scene in pixels; several for pipelines")
         command.add_argument("--quick", action="store_true", help="a small scene, few rounds, no page: under a minute")
@@ -80,13 +81,17 @@ def main() -> None:
         _run_edges(arguments, page)
     elif arguments.command == "memory":
         from benchmarks.memory import page as benchmark_of_memory
+        from tilepipe.pipelines import registry
 
         benchmark_of_memory.run_memory(
             sizes=arguments.size or [benchmark_of_memory.QUICK_SIZE if arguments.quick else benchmark_of_memory.SIZE],
-            tile=arguments.tile,
+            tiles=arguments.tile,
+            pipelines=arguments.pipelines or registry.OWN,
             workers=arguments.workers,
             executors=arguments.executors,
-            contents=[name for name in benchmark_of_memory.CONTENTS if arguments.only in name],
+            contents=[
+                name for name in benchmark_of_memory.CONTENTS if name.startswith(tuple(arguments.contents or [""]))
+            ],
             scratch=arguments.scratch,
             **page,
         )

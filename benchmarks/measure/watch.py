@@ -19,13 +19,21 @@ class Watched:
     peak: int
 
 
+class CommandError(RuntimeError):
+    """A command has failed; holds what it said, and what was seen of it until then."""
+
+    def __init__(self, said: str, seen: Watched) -> None:
+        super().__init__(said)
+        self.seen = seen
+
+
 def watch(command: Sequence[str], interval: float = 0.02) -> Watched:
     """Run a command to its end.
 
     Raises
     ------
-    RuntimeError
-        When it fails; holds what it said.
+    CommandError
+        When it fails.
     """
     peaks: dict[int, int] = {}
     with tempfile.TemporaryFile() as said:
@@ -37,11 +45,11 @@ def watch(command: Sequence[str], interval: float = 0.02) -> Watched:
             # waiting, not sleeping, so that the end is seen at once
             with contextlib.suppress(subprocess.TimeoutExpired):
                 process.wait(interval)
-        seconds = time.perf_counter() - start
+        seen = Watched(time.perf_counter() - start, sum(peaks.values()))
         if process.returncode:
             said.seek(0)
-            raise RuntimeError(f"{' '.join(command)} failed: {said.read().decode(errors='replace')[-2000:]}")
-    return Watched(seconds, sum(peaks.values()))
+            raise CommandError(f"{' '.join(command)} failed: {said.read().decode(errors='replace')[-2000:]}", seen)
+    return seen
 
 
 def time_to_first_file(command: Sequence[str], folder: Path, pattern: str, interval: float = 0.002) -> float:

@@ -13,7 +13,9 @@ Rasters = Annotated[
 ]
 RunFolder = Annotated[Path | None, typer.Option(help="Folder of the run; not needed with --plan.")]
 Tile = Annotated[int, typer.Option(help="Tile size in pixels.")]
-Workers = Annotated[int | None, typer.Option(help="Threads or processes; all cores by default.")]
+Workers = Annotated[
+    int | None, typer.Option(help="Threads or processes; by default all cores, or as many as --memory holds.")
+]
 ExecutorName = Annotated[str, typer.Option("--executor", help="threads, processes, or tcp://host:port of a cluster.")]
 Backend = Annotated[str, typer.Option(help="auto, numpy or cupy.")]
 Memory = Annotated[str, typer.Option(help="Most memory to use, checked before work starts.")]

@@ -76,15 +76,20 @@ class Gathering:
         self.held[declared.name] = sum(
             rows[item.rows] * amount(item.bytes_per_row, self.setting) for item in declared.gathers
         )
-        needed = self.plan.memory_with(sum(self.held.values()))
-        if needed > self.plan.limit:
-            raise MemoryLimitError(_refusal(declared, rows, needed, self.plan.limit))
+        gathered = sum(self.held.values())
+        if self.plan.memory_with(gathered) > self.plan.limit:
+            raise MemoryLimitError(_refusal(declared, rows, gathered, self.plan))
 
 
-def _refusal(declared: Pass, rows: Mapping[str, int], needed: int, limit: int) -> str:
+def _refusal(declared: Pass, rows: Mapping[str, int], gathered: int, plan: Plan) -> str:
     found = " and ".join(f"{rows[item.rows]:,} {item.items}" for item in declared.gathers)
-    fewer = f", or {declared.fewer}" if declared.fewer else ""
+    needed = format_memory(plan.memory_with(gathered))
+    # where nobody has named their number, more memory would mean more of them
+    larger = f"a larger --memory, such as --memory {needed.replace(' ', '')} --workers {plan.workers}"
+    held = plan.workers_within(gathered)
+    fewer = (f" or with --workers {held}" if held else "") + ", which goes on from here"
     return (
-        f"pass {declared.name} has found {found}, for which the run needs about {format_memory(needed)}, but --memory "
-        f"is {format_memory(limit)}; run the same command with a larger --memory, which goes on from here{fewer}"
+        f"pass {declared.name} has found {found}, for which the run needs about {needed}, but --memory is "
+        f"{format_memory(plan.limit)}; run the same command with {larger}{fewer}"
+        f"{f', or {declared.fewer}' if declared.fewer else ''}"
     )

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import operator
 import os
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from tilepipe.errors import InputError
 from tilepipe_kernels.core.arrays import Backend, choose_backend
@@ -37,7 +38,7 @@ def parse_memory(text: str) -> int:
 
 
 def format_memory(size: float) -> str:
-    """A number of bytes for people: ``1.4 GiB``.
+    """A number of bytes for people, rounded up so that what is said to be needed is enough: ``1.4 GiB``.
 
     Examples
     --------
@@ -47,9 +48,9 @@ def format_memory(size: float) -> str:
     """
     for unit in ("B", "KiB", "MiB"):
         if size < 1024:
-            return f"{size:.0f} {unit}"
+            return f"{math.ceil(size)} {unit}"
         size /= 1024
-    return f"{size:.1f} GiB"
+    return f"{math.ceil(size * 10) / 10:.1f} GiB"
 
 
 def default_workers() -> int:
@@ -66,7 +67,8 @@ class RunOptions:
     tile
         Tile size in pixels.
     workers
-        Threads or processes that work on tiles.
+        Threads or processes that work on tiles; None = as many as there are cores, fewer where ``memory`` holds
+        no more.
     executor
         ``threads``, ``processes``, or the address of a dask.distributed scheduler.
     backend
@@ -91,7 +93,7 @@ class RunOptions:
     """
 
     tile: int = 2048
-    workers: int = field(default_factory=default_workers)
+    workers: int | None = None
     executor: str = "threads"
     backend: str = "auto"
     memory: int = 8 << 30
@@ -102,13 +104,15 @@ class RunOptions:
     def __post_init__(self) -> None:
         for name in ("tile", "workers", "memory", "seed"):
             value = getattr(self, name)
+            if name == "workers" and value is None:
+                continue
             try:
                 object.__setattr__(self, name, operator.index(value))
             except TypeError:
                 raise InputError(f"{name} {value!r} is no whole number") from None
         if self.tile < 1:
             raise InputError(f"tile size {self.tile} is too small: use at least 1, better 1024 or more")
-        if self.workers < 1:
+        if self.workers is not None and self.workers < 1:
             raise InputError(f"{self.workers} workers cannot work: use at least 1")
         if not 0 <= self.seed < 1 << 62:
             raise InputError(f"seed {self.seed} cannot be used: take a number from 0 to 2^62")
@@ -138,6 +142,11 @@ class RunOptions:
             raise InputError(f"backend '{self.backend}' does not work here: {error}; or use --backend numpy") from None
 
     @property
+    def resolved_workers(self) -> int:
+        """Number of workers; where none is named and no plan has found how many memory holds, that of the cores."""
+        return default_workers() if self.workers is None else self.workers
+
+    @property
     def device_memory(self) -> int:
         """Most memory that a process may take of a GPU, in bytes."""
-        return self.memory // (self.workers if self.executor == "processes" else 1)
+        return self.memory // (self.resolved_workers if self.executor == "processes" else 1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from tilepipe.engine.gathering import most_gathered
 from tilepipe.engine.options import RunOptions, format_memory
@@ -39,7 +39,7 @@ class PassPlan:
 
 @dataclass(frozen=True)
 class Plan:
-    """What a run will do and need."""
+    """What a run will do and need; where no number of workers was asked for, ``limit`` may hold fewer than wanted."""
 
     command: str
     shape: tuple[int, int]
@@ -47,6 +47,7 @@ class Plan:
     tile_shape: tuple[int, int]
     tiles: int
     workers: int
+    wanted: int
     processes: bool
     passes: tuple[PassPlan, ...]
     seam_memory: int
@@ -75,6 +76,16 @@ class Plan:
         interpreters = 1 + (self.workers if self.processes else 0)
         tiles = max(item.memory for item in self.passes)
         return _BASE * interpreters + tiles + self.seam_memory + gathered + self.export_memory
+
+    def with_workers(self, workers: int) -> Plan:
+        """The plan of the same run with so many workers."""
+        passes = (replace(item, memory=item.memory // self.workers * workers) for item in self.passes)
+        return replace(self, workers=workers, passes=tuple(passes))
+
+    def workers_within(self, gathered: int) -> int:
+        """Most workers, of those planned, that the limit holds when so many bytes are gathered; 0 = not even one."""
+        fewer = range(self.workers, 0, -1)
+        return next((count for count in fewer if self.with_workers(count).memory_with(gathered) <= self.limit), 0)
 
     @property
     def least_memory(self) -> int:
@@ -144,6 +155,11 @@ class Plan:
             f"(libraries {format_memory(_BASE)}, global facts {format_memory(everywhere)}){most}; "
             f"limit {format_memory(self.limit)}"
         )
+        if self.workers < self.wanted:
+            lines.append(
+                f"{counted(self.workers, 'worker')} of {self.wanted} that the cores allow: --memory holds no more; "
+                "raise it, or lower --tile, for more of them"
+            )
         lines += [f"reads {name}" for name in self.elsewhere]
         if self.memory > self.limit:
             lines.append("this is more than --memory allows: the run would be refused")
@@ -183,14 +199,15 @@ def plan_run(pipeline: Pipeline, setting: Setting, options: RunOptions) -> Plan:
     rows, columns = grid.counts
     seams = (rows - 1) * grid.shape[1] + (columns - 1) * grid.shape[0]
     pixels, passes = math.prod(grid.shape), pipeline.needed_passes(setting)
-    workers = min(options.workers, len(grid))
-    return Plan(
+    workers = min(options.resolved_workers, len(grid))
+    plan = Plan(
         command=pipeline.name,
         shape=grid.shape,
         resolution=setting.resolution,
         tile_shape=grid.tile_shape,
         tiles=len(grid),
         workers=workers,
+        wanted=workers,
         processes=options.executor == "processes",
         passes=tuple(_plan_pass(item, setting, grid, workers) for item in passes),
         seam_memory=2 * seams * _PER_SEAM_PIXEL + len(grid) * _PER_TILE // 16,
@@ -199,6 +216,9 @@ def plan_run(pipeline: Pipeline, setting: Setting, options: RunOptions) -> Plan:
         export_memory=_EXPORT + _EXPORT_PER_COLUMN * grid.shape[1],
         limit=options.memory,
     )
+    if options.workers is not None:
+        return plan
+    return plan.with_workers(max(1, plan.workers_within(plan.gathered_memory)))
 
 
 def _plan_pass(declared: Pass, setting: Setting, grid: TileGrid, workers: int) -> PassPlan:

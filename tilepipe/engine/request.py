@@ -219,6 +219,14 @@ class Request:
         """The backend of the passes, as resolved."""
         return self.options.resolved_backend()
 
+    @cached_property
+    def resolved_options(self) -> RunOptions:
+        """How the run is carried out: with a number of workers, whether or not one was asked for."""
+        plan = self.plan()
+        # what belongs to no tile may use more threads than there are tiles
+        workers = plan.workers if plan.workers < plan.wanted else self.options.resolved_workers
+        return replace(self.options, workers=workers)
+
     def plan(self) -> Plan:
         """What a run will do and need."""
         return replace(plan_run(self.pipeline, self.setting, self.options), elsewhere=self.opened.elsewhere)
@@ -252,7 +260,7 @@ class Request:
 
     def record(self, out: str | Path) -> Record:
         """Everything as resolved, for ``run.toml``."""
-        options = asdict(self.options) | {"backend": self.backend}
+        options = asdict(self.resolved_options) | {"backend": self.backend}
         options.pop("overwrite")
         raster = self.opened.raster
         inputs: dict[str, Any] = {"rasters": [absolute_name(name) for name in raster.names]}

@@ -157,7 +157,7 @@ def _held_run(
         with (
             listening(progress.compiling),
             _small_cache(),
-            open_executor(options.executor, options.workers, state) as executor,
+            open_executor(options.executor, options.resolved_workers, state) as executor,
         ):
             yield Run(folder, state, lock, options, executor, progress)
     except (ChangedInputError, MemoryLimitError):

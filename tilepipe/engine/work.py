@@ -72,7 +72,7 @@ class Work:
     @property
     def options(self) -> RunOptions:
         """How to run."""
-        return self.request.options
+        return self.request.resolved_options
 
     @property
     def geometry(self) -> Geometry:
@@ -251,7 +251,7 @@ def run_pipeline(
     folder = local_output(out).absolute()
     request = checked_request(pipeline, rasters, inputs or {}, params, crs, band, options)
     sources = request.opened.sources
-    options = request.options
+    options = request.resolved_options
     plan = request.plan()
     plan.check(options)
     if request.backend == "cupy" and not options.uses_cluster:

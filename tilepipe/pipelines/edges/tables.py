@@ -52,7 +52,7 @@ def shape_columns(shape: Shape, geometry: Geometry) -> dict[str, NDArray[Any]]:
 def write_tables(run: Work, fields: Ledger) -> list[Path]:
     """Write the tables of both methods into the state folder; warn of one without lines."""
     p: EdgeParameters = run.parameters
-    writers: dict[str, Callable[..., int]] = {EDGES.name: partial(write_edges, workers=run.options.workers)}
+    writers: dict[str, Callable[..., int]] = {EDGES.name: partial(write_edges, workers=run.options.resolved_workers)}
     if p.nevatia_babu:
         writers[NEVATIA_BABU.name] = write_nevatia_babu
 
@@ -60,7 +60,7 @@ def write_tables(run: Work, fields: Ledger) -> list[Path]:
         with run.timed(f"reconcile {name}"):
             return writers[name](run.folder / f"{name}.parquet", fields, run.geometry, p)
 
-    with ThreadPoolExecutor(min(len(writers), run.options.workers)) as pool:
+    with ThreadPoolExecutor(min(len(writers), run.options.resolved_workers)) as pool:
         found = dict(zip(writers, pool.map(write, writers), strict=True))
     for name, count in found.items():
         if not count:

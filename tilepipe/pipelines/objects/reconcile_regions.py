@@ -79,7 +79,7 @@ def merge_leaves(run: Work, leaves: Leaves, graph: RegionGraph) -> tuple[Leaves,
                 run.parameters,
                 resolution=run.resolution,
                 seed=run.options.seed,
-                workers=run.options.workers,
+                workers=run.options.resolved_workers,
                 tell=run.progress,
                 backend=run.backend_here,
             )

@@ -101,7 +101,7 @@ def _write_parquet(
             smallest_hole=parameters.minimum_building_area,
         )
     paths = [run.folder / f"{name}.parquet" for name in tables]
-    with ThreadPoolExecutor(min(len(tables), run.options.workers)) as pool:
+    with ThreadPoolExecutor(min(len(tables), run.options.resolved_workers)) as pool:
         list(pool.map(lambda write, path: write(path, geometry=geometry), tables.values(), paths))
     return paths
 

@@ -84,7 +84,7 @@ def write_lines(run: Work, fragments: Ledger, thresholds: Thresholds) -> list[Pa
             write_centerlines(path, fragments, run.grid, prefix, cleaning, scale, margin)
             return path
 
-    with ThreadPoolExecutor(min(len(_LAYERS), run.options.workers)) as pool:
+    with ThreadPoolExecutor(min(len(_LAYERS), run.options.resolved_workers)) as pool:
         return run.in_format(list(pool.map(write, _LAYERS)))
 
 
