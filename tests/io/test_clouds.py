@@ -21,8 +21,8 @@ from tilepipe.pipelines.points import plan
 from tilepipe.pipelines.points.recipe import grid_clouds
 
 
-def write(path: Path, x, y, z, *, crs="EPSG:25832", scale=0.01, offset=(0.0, 0.0, 0.0), **fields) -> Path:
-    header = laspy.LasHeader(point_format=6, version="1.4")
+def write(path: Path, x, y, z, *, crs="EPSG:25832", scale=0.01, offset=(0.0, 0.0, 0.0), kind=6, **fields) -> Path:
+    header = laspy.LasHeader(point_format=kind, version="1.4")
     header.scales, header.offsets = [scale] * 3, list(offset)
     if crs is not None:
         header.add_crs(CRS.from_user_input(crs))

@@ -228,3 +228,22 @@ def test_no_advice_on_disks_for_what_is_no_matter_of_them(tmp_path: Path) -> Non
     ):
         raise RasterioIOError("no such driver")
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("code", ["EPSG:3067", "EPSG:3879", "EPSG:5129", "EPSG:25833"])
+def test_a_code_is_a_code_though_rasterio_and_pyproj_describe_it_differently(tmp_path, code):
+    """Finland and Norway: releases of the registry differ in names of datums, and each package brings its own."""
+    left, top = (6600000, 500000) if code == "EPSG:5129" else (500000, 6600000)
+    profile = {"driver": "GTiff", "width": 4, "height": 4, "count": 1, "dtype": "float32", "crs": code}
+    with rasterio.open(tmp_path / "a.tif", "w", transform=rasterio.Affine(1, 0, left, 0, -1, top), **profile) as file:
+        file.write(np.ones((1, 4, 4), np.float32))
+    assert open_raster([tmp_path / "a.tif"]).geometry.crs == code
+    assert open_raster([tmp_path / "a.tif"], crs=code).geometry.crs == code
+    wkt = rasterio.crs.CRS.from_string(code).to_wkt(version="WKT2_2019")
+    assert crs_text(understood_crs(wkt, "--crs")) == code
+    for kind in ("gpkg", "fgb", "geojson"):
+        check_format(kind, code, "a.tif")
+    check_raster_crs(code, "a.tif")
+    # a map that says it is that of a code, and is another, is not taken for it
+    other = re.sub(r'("False easting",)', r"\g<1>1", wkt)
+    assert other != wkt and crs_text(understood_crs(other, "--crs")) != code

@@ -10,7 +10,9 @@ import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
+import xarray as xr
 
 from tests.io import range_server
 from tests.io.test_raster import numbers, same, whole, write_raster
@@ -85,6 +87,50 @@ def test_archives(tmp_path, served):
         open_raster([folder / "a.zip"])
 
 
+def test_an_archive_of_one_raster_is_that_raster_however_it_is_named(tmp_path):
+    path = write_raster(tmp_path / "a.tif", numbers())
+    for name in ("one", "two"):
+        with zipfile.ZipFile(tmp_path / f"{name}.zip", "w") as archive:
+            archive.write(path, "inner/a.tif")
+            archive.writestr("readme.txt", "")
+            if name == "two":
+                archive.write(path, "inner/b.tif")
+    one, two = tmp_path / "one.zip", tmp_path / "two.zip"
+    for name in (one, f"zip://{one}", f"/vsizip/{one}", f"zip://{two}!/inner/b.tif", f"zip://{two}!inner/b.tif"):
+        assert same(whole(open_raster([name])), numbers())
+
+
+def test_archives_of_anything_else_are_refused_with_what_to_do(tmp_path):
+    with zipfile.ZipFile(tmp_path / "empty.zip", "w"):
+        pass
+    with zipfile.ZipFile(tmp_path / "a.zarr.zip", "w") as archive:
+        archive.writestr("a.zarr/zarr.json", "{}")
+    (tmp_path / "a.tar.gz").write_bytes(b"packed")
+    for name, what in (("empty.zip", "empty archive"), ("a.zarr.zip", "unpack it"), ("a.tar.gz", "unpack it first")):
+        with pytest.raises(InputError, match=what):
+            open_raster([tmp_path / name])
+
+
+def test_a_raster_that_only_a_driver_finds_is_to_be_written_out(tmp_path):
+    values = xr.DataArray(np.zeros((4, 5)), dims=("y", "x"))
+    xr.Dataset({"height": values, "slope": values}).to_netcdf(tmp_path / "a.nc")
+    with pytest.raises(InputError, match=r"a\.nc: holds 2 rasters; write one out first: gdal_translate .*height"):
+        open_raster([tmp_path / "a.nc"])
+    for name in ("NETCDF:a.nc:height", f'NETCDF:"{tmp_path}/a.nc":height', "WMS:http://host"):
+        with pytest.raises(InputError, match=f"^{re.escape(name)}: names a part of a file; .* gdal_translate "):
+            open_raster([name])
+
+
+def test_an_address_may_hold_spaces(served):
+    folder, address = served
+    write_raster(folder / "a b.tif", numbers())
+    raster = open_raster([f"{address}/a%20b.tif"])
+    assert same(whole(raster), numbers())
+    assert raster.members[0].source.is_known
+    with pytest.raises(InputError, match="cannot be opened"):
+        open_raster([f"{address}/no such.tif"])
+
+
 def test_addresses_as_gdal_knows_them():
     known = {
         "https://host/a.tif": "/vsicurl/https://host/a.tif",
@@ -94,6 +140,7 @@ def test_addresses_as_gdal_knows_them():
         "/vsis3/bucket/a.tif": "/vsis3/bucket/a.tif",
         "C:/data/a.tif": "C:/data/a.tif",
         "file:///data/a%20b.tif": "/data/a b.tif",
+        "file://localhost/data/a.tif": "/data/a.tif",
     }
     assert {name: gdal_name(name) for name in known} == known
     assert location(Path("s3://bucket/a.tif")) == "s3://bucket/a.tif"

@@ -127,6 +127,22 @@ def test_whole_numbers_of_64_bits_are_compared_exactly(dtype):
     assert np.argwhere(np.isnan(open_raster([array], crs="EPSG:32633").read(WHOLE))).tolist() == [[2, 3]]
 
 
+@pytest.mark.parametrize("zarr_format", [2, 3])
+@pytest.mark.parametrize(("stored", "said", "nodata"), [("int8", "true", 255), ("uint8", "false", -1)])
+def test_integers_have_the_sign_that_their_attribute_says(tmp_path, zarr_format, stored, said, nodata):
+    values = np.arange(168, dtype=np.uint8).view(stored).reshape(SHAPE)
+    values[3] = np.array(nodata).astype(stored)
+    array = xr.DataArray(values, {"y": -np.arange(12.0), "x": np.arange(14.0)}, ("y", "x"))
+    array = array.assign_attrs(_Unsigned=said, _FillValue=np.dtype(stored).type(values[3, 0]))
+    array.to_dataset(name="a").to_zarr(tmp_path / "a.zarr", zarr_format=zarr_format, consolidated=False)
+    expected = np.arange(168, dtype=np.uint8).view("uint8" if said == "true" else "int8").reshape(SHAPE).astype(float)
+    expected[3] = np.nan
+    expected[expected == nodata] = np.nan
+    undecoded = xr.open_zarr(tmp_path / "a.zarr", mask_and_scale=False, consolidated=False)["a"]
+    for raster in (array, undecoded, tmp_path / "a.zarr"):
+        assert np.array_equal(open_raster([raster], crs="EPSG:32633").read(WHOLE), expected, equal_nan=True)
+
+
 @pytest.mark.parametrize("nodata", [-9999, 256, 0.5, np.nan])
 def test_a_nodata_value_that_no_value_can_be_is_none(nodata):
     assert not is_nodata(np.arange(256, dtype=np.uint8), nodata).any()

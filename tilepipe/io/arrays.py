@@ -113,7 +113,8 @@ class ArraySource:
         if hasattr(part, "compute"):
             part = part.compute(scheduler="synchronous")
         stored, count = np.asarray(part), len(self.packings)
-        return unpack_bands(list(stored[:count]), self.packings, stored[count] if len(stored) > count else None)
+        alpha = self.packings[0].stored(stored[count]) if len(stored) > count else None
+        return unpack_bands(list(stored[:count]), self.packings, alpha)
 
 
 def array_source(array: xr.DataArray, name: str, *, crs: str | None, choice: Choice) -> ArraySource:

@@ -12,7 +12,7 @@ from pyproj import CRS
 from pyproj.exceptions import CRSError
 
 from tilepipe.errors import InputError
-from tilepipe.io.crs import agreed_crs, check_named_crs, crs_of_dataset, split_crs, understood_crs
+from tilepipe.io.crs import agreed_crs, check_named_crs, crs_of_dataset, registered_crs, split_crs, understood_crs
 from tilepipe.io.units import SOME_UNITS, epsg_unit, same_unit, unit_metres, unit_name
 
 if TYPE_CHECKING:
@@ -89,7 +89,7 @@ def _only(found: Sequence[CRS | None], name: str) -> CRS | None:
 
 def _of_wkt(record: WktCoordinateSystemVlr) -> CRS | None:
     try:
-        return CRS.from_wkt(record.string) if record.string else None
+        return registered_crs(CRS.from_wkt(record.string)) if record.string else None
     except CRSError:
         return None
 

@@ -120,11 +120,13 @@ def ticks(cloud: Cloud, points: Any, value: Value, quantum: float) -> NDArray[np
     return np.rint(heights / quantum).astype(np.int32)
 
 
-def identities(cloud: Cloud, points: Any, steps: Sequence[float] | NDArray[np.float64]) -> NDArray[np.uint64]:
-    """Fingerprints of points by place, time, return and intensity, which their copies in other clouds share.
+def identities(
+    cloud: Cloud, points: Any, steps: Sequence[float] | NDArray[np.float64], *, by_time: bool
+) -> NDArray[np.uint64]:
+    """Fingerprints of points by place, return, intensity and GPS time, which their copies in other clouds share.
 
     ``steps`` are the coarsest scales of all the clouds: the same place, counted from other offsets, is the same
-    number of steps.
+    number of steps. ``by_time`` is for clouds that all have times: a copy may lie in a cloud of a format without.
     """
     place = [
         np.rint((np.asarray(raw) * scale + offset) / step).astype(np.int64)
@@ -133,7 +135,7 @@ def identities(cloud: Cloud, points: Any, steps: Sequence[float] | NDArray[np.fl
         )
     ]
     fields = [*place, np.asarray(points.return_number), np.asarray(points.intensity)]
-    if "gps_time" in points.point_format.dimension_names:
+    if by_time:
         # of the two zeros only one is left
         fields.append(np.asarray(points.gps_time, np.float64) + 0.0)
     return fingerprints(*fields)

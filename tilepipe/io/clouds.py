@@ -34,6 +34,8 @@ class Cloud:
         Unit of heights by name, also one that is not known, or None if the header names none.
     files
         The file as it was when its header was read.
+    has_times
+        Whether its points have a GPS time.
     """
 
     path: Path
@@ -43,6 +45,7 @@ class Cloud:
     crs: CRS | None
     vertical_unit: str | None
     files: Files
+    has_times: bool
 
 
 def find_clouds(paths: Sequence[str | Path]) -> list[Path]:
@@ -104,6 +107,7 @@ def read_cloud(path: str | Path) -> Cloud:
         with laspy.open(path) as reader:
             header = reader.header
             count = int(header.point_count)
+            has_times = "gps_time" in header.point_format.dimension_names
             scales, offsets = header.scales.astype(float), header.offsets.astype(float)
     except Exception as error:
         reason = "is no point cloud" if isinstance(error, laspy.LaspyException) and "signature" in str(error) else error
@@ -114,4 +118,4 @@ def read_cloud(path: str | Path) -> Cloud:
     if not ((scales > 0).all() and np.isfinite(scales).all() and np.isfinite(offsets).all()):
         raise InputError(f"{path}: scales or offsets in the header make no sense; repair it")
     crs, vertical_unit = crs_of_header(header, str(path))
-    return Cloud(path, count, tuple(scales.tolist()), tuple(offsets.tolist()), crs, vertical_unit, files)
+    return Cloud(path, count, tuple(scales.tolist()), tuple(offsets.tolist()), crs, vertical_unit, files, has_times)

@@ -53,12 +53,44 @@ def understood_crs(crs: object, name: str) -> CRS:
     is_name = isinstance(crs, str) and not text.isdigit() and not set(text) & set(":[{=")
     if is_name and found.name.casefold() != text.casefold():
         raise InputError(f"{name}: no CRS is named '{shown}' ({found.name} is likest); pass --crs EPSG:n")
-    return found
+    return registered_crs(found)
 
 
 def _whole(crs: Any) -> Any:
     """A CRS of rasterio as WKT 2, since its default is an old WKT that does not hold everything; others as they are."""
     return crs.to_wkt(version="WKT2_2019") if type(crs).__module__.partition(".")[0] == "rasterio" else crs
+
+
+def registered_crs(crs: CRS) -> CRS:
+    """A CRS as PROJ here has it under its code, where GDAL, by its own copy of the registry, describes it otherwise.
+
+    Releases of the EPSG registry rename datums, and rasterio and pyproj need not bring the same one.
+
+    Examples
+    --------
+    Since release 12 of the registry the datum of the Finnish grid has a name of its own.
+
+    >>> from pyproj import CRS
+    >>> import rasterio.crs
+    >>> from tilepipe.io.crs import registered_crs
+    >>> wkt = rasterio.crs.CRS.from_epsg(3067).to_wkt(version="WKT2_2019")
+    >>> registered_crs(CRS(wkt)) == CRS("EPSG:3067")
+    True
+    """
+    import pyproj
+
+    code = crs.to_json_dict().get("id", {})
+    if crs.is_bound or set(code) != {"authority", "code"} or crs.to_authority(min_confidence=100):
+        return crs
+    import rasterio.crs
+    from rasterio.errors import CRSError
+
+    authority, number = str(code["authority"]), str(code["code"])
+    try:
+        described = rasterio.crs.CRS.from_authority(authority, number).to_wkt(version="WKT2_2019")
+        return pyproj.CRS.from_authority(authority, number) if crs.equals(pyproj.CRS(described)) else crs
+    except (CRSError, pyproj.exceptions.CRSError):
+        return crs
 
 
 def crs_of_dataset(dataset: Any) -> CRS | None:

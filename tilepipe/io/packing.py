@@ -26,6 +26,8 @@ class Packing:
         Stored values that mean nodata; NaN always does.
     scale, offset
         A value is scale · stored + offset.
+    dtype
+        What the bits of stored values mean, if other than the dtype of the array says.
 
     Examples
     --------
@@ -38,15 +40,21 @@ class Packing:
     nodata: tuple[float, ...] = ()
     scale: float = 1.0
     offset: float = 0.0
+    dtype: np.dtype[Any] | None = None
+
+    def stored(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Values of an array as what their bits mean."""
+        return values if self.dtype is None else values.view(self.dtype)
 
     def missing(self, values: NDArray[Any]) -> Mask | None:
         """Where stored values mean nodata; None = nowhere."""
+        values = self.stored(values)
         masks = [is_nodata(values, nodata) for nodata in self.nodata]
         return np.logical_or.reduce(masks) if masks else None
 
     def unpack(self, values: NDArray[Any]) -> NDArray[np.float32]:
         """Stored values of one band as float32 with NaN for nodata; see `decoded`."""
-        block, missing = decoded(values, self.scale, self.offset), self.missing(values)
+        block, missing = decoded(self.stored(values), self.scale, self.offset), self.missing(values)
         if missing is not None:
             block[missing] = np.nan
         return block
@@ -76,7 +84,7 @@ def unpack_bands(
     """
     missing = [packing.missing(values) for values, packing in zip(bands, packings, strict=True)]
     colours = [
-        all(is_colour(nodata, values.dtype) for nodata in packing.nodata)
+        all(is_colour(nodata, packing.dtype or values.dtype) for nodata in packing.nodata)
         for values, packing in zip(bands, packings, strict=True)
     ]
     void = void_pixels(missing, colours, None if alpha is None else alpha <= 0)
@@ -86,7 +94,7 @@ def unpack_bands(
                 unknown = ~np.isfinite(decoded(values))
                 void = unknown if void is None else void | unknown
     for values, packing in zip(bands, packings, strict=True):
-        block = decoded(values, packing.scale, packing.offset)
+        block = decoded(packing.stored(values), packing.scale, packing.offset)
         if void is not None:
             block[void] = np.nan
         yield block
@@ -95,7 +103,8 @@ def unpack_bands(
 def packing_of(array: xr.DataArray, name: str) -> Packing:
     """How an xarray array of one band is stored, by its attributes; what has decoded an array has moved them away.
 
-    Nodata are ``_FillValue`` (or as `rioxarray` finds it) and every ``missing_value`` of CF. The fill value of a Zarr
+    Nodata are ``_FillValue`` (or as `rioxarray` finds it) and every ``missing_value`` of CF. ``_Unsigned`` (NetCDF
+    Users Guide) says that integers have, or have no, sign, whatever their dtype. The fill value of a Zarr
     array of format 2 is its ``_FillValue``; that of format 3 only says what a chunk holds that was never written.
 
     Parameters
@@ -117,7 +126,7 @@ def packing_of(array: xr.DataArray, name: str) -> Packing:
     >>> from tilepipe.io.packing import packing_of
     >>> packed = xr.DataArray(np.zeros((3, 3), np.int16), dims=("y", "x"))
     >>> packing_of(packed.assign_attrs(scale_factor=0.01, _FillValue=-32768), "heights")
-    Packing(nodata=(-32768,), scale=0.01, offset=0.0)
+    Packing(nodata=(-32768,), scale=0.01, offset=0.0, dtype=None)
     """
     import rioxarray  # noqa: F401
 
@@ -132,7 +141,28 @@ def packing_of(array: xr.DataArray, name: str) -> Packing:
         _of_band(array, one, each, unchanged, name)
         for one, each, unchanged in (("scale_factor", "scales", 1.0), ("add_offset", "offsets", 0.0))
     )
-    return Packing(tuple(dict.fromkeys(value for value in nodata if value == value)), scale, offset)
+    dtype = _meant_dtype(array)
+    if dtype is not None:
+        nodata = [_reinterpreted(value, dtype) for value in nodata]
+    return Packing(tuple(dict.fromkeys(value for value in nodata if value == value)), scale, offset, dtype)
+
+
+def _meant_dtype(array: xr.DataArray) -> np.dtype[Any] | None:
+    """Dtype of integers whose attribute ``_Unsigned`` says that it is another one than theirs; else None."""
+    said = str(array.attrs.get("_Unsigned", "")).lower()
+    kind = {"true": "u", "false": "i"}.get(said, array.dtype.kind)
+    if array.dtype.kind not in "iu" or kind == array.dtype.kind:
+        return None
+    return np.dtype(f"{array.dtype.byteorder.replace('|', '')}{kind}{array.dtype.itemsize}")
+
+
+def _reinterpreted(value: float, dtype: np.dtype[Any]) -> float:
+    """A nodata value, which has the bits of a stored one, as another dtype of integers reads these."""
+    if value != value or value != int(value):
+        return value
+    values: int = 2 ** (8 * dtype.itemsize)
+    unsigned = int(value) % values
+    return unsigned - values if dtype.kind == "i" and unsigned >= values // 2 else unsigned
 
 
 def _of_band(array: xr.DataArray, one: str, each: str, unchanged: float, name: str) -> float:

@@ -30,6 +30,9 @@ _REMOTE = re.compile(r"/vsi(curl|s3|gs|az|adls|oss|swift|hdfs|webhdfs)(_streamin
 
 _ARCHIVE = re.compile(r"/vsi(zip|7z|rar|tar|gzip|sparse)/")
 
+_OF_A_STORE = ("zarr.json", ".zarray", ".zgroup")
+"""What the names of files end with that only a Zarr store has."""
+
 _MEMBERS = 3
 """Members of an archive that a message names."""
 
@@ -50,7 +53,7 @@ def location(item: str | os.PathLike[str]) -> str:
         return text if text.startswith("/vsi") else str(Path(text))
     scheme, rest = match[1].lower(), text[match.end() :]
     if scheme == "file":
-        return "/" + unquote(rest)
+        return "/" + unquote(rest.removeprefix("localhost/"))
     # an absolute path may follow where the scheme names no host
     return f"{match[1]}://{'/' if scheme == 'zip' and match[0].endswith('///') else ''}{rest}"
 
@@ -66,6 +69,20 @@ def is_local(item: str | os.PathLike[str]) -> bool:
     """
     text = location(item)
     return _SCHEME.match(text) is None and not text.startswith("/vsi")
+
+
+def is_of_driver(item: str | os.PathLike[str]) -> bool:
+    """Whether a name is no path but one that only a driver of GDAL understands.
+
+    Examples
+    --------
+    >>> from tilepipe.io.paths import is_of_driver
+    >>> is_of_driver('NETCDF:"a.nc":height'), is_of_driver("s3:/bucket/a.tif"), is_of_driver("C:/a.tif")
+    (True, False, False)
+    """
+    text = os.fspath(item)
+    prefix = re.match(r"([A-Za-z][A-Za-z0-9_]+):(?!//)", text)
+    return prefix is not None and prefix[1].lower() not in ("file", *_FILE_SYSTEMS) and not os.path.exists(text)
 
 
 def gdal_name(item: str | os.PathLike[str]) -> str:
@@ -91,10 +108,11 @@ def gdal_name(item: str | os.PathLike[str]) -> str:
         if scheme not in _FILE_SYSTEMS:
             known = ", ".join(sorted(_FILE_SYSTEMS))
             raise InputError(f"{text}: addresses that begin with {scheme}: cannot be opened; known are {known}")
-        rest = text[match.end() :] if scheme != "zip" else text[len("zip://") :].replace("!", "/")
+        rest = text[match.end() :] if scheme != "zip" else re.sub("!/?", "/", text[len("zip://") :])
         text = _FILE_SYSTEMS[scheme] + rest
-    if text.lower().endswith(".zip") and not text.startswith("/vsizip/"):
-        return f"/vsizip/{text}{_only_member(text)}"
+    archive = text.removeprefix("/vsizip/")
+    if archive.lower().endswith(".zip"):
+        return f"/vsizip/{archive}{_only_member(archive)}"
     return text
 
 
@@ -107,6 +125,10 @@ def _only_member(archive: str) -> str:
             names = [name for name in file.namelist() if not name.endswith("/")]
     except zipfile.BadZipFile as error:
         raise InputError(f"{archive}: is no ZIP archive, or is damaged ({error}); unpack or pack it anew") from None
+    if not names:
+        raise InputError(f"{archive}: is an empty archive; pack it anew")
+    if any(name.endswith(_OF_A_STORE) for name in names):
+        raise InputError(f"{archive}: holds a Zarr store, which is not read in an archive; unpack it, name its folder")
     rasters = [name for name in names if name.lower().endswith((".tif", ".tiff", ".vrt"))] if len(names) > 1 else names
     if len(rasters) != 1:
         several = ", ".join(f"/vsizip/{archive}/{name}" for name in (rasters or names)[:_MEMBERS])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import email.utils
 import re
 import urllib.error
+import urllib.parse
 import urllib.request
 from typing import Any
 
@@ -42,7 +43,9 @@ def remote_state(name: str) -> tuple[int, int, str]:
 
 def _asked_of_server(url: str) -> tuple[int, int, str]:
     # one byte: signed addresses allow no request of another kind, such as HEAD
-    request = urllib.request.Request(url, headers={"Range": "bytes=0-0"})
+    # what a browser would encode, such as a space, but nothing twice
+    encoded = urllib.parse.quote(url, safe="%/:?#[]@!$&'()*+,;=~")
+    request = urllib.request.Request(encoded, headers={"Range": "bytes=0-0"})
     try:
         with urllib.request.urlopen(request, timeout=TIMEOUT) as answer:
             headers = answer.headers

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 import threading
 import warnings
 from collections import OrderedDict
@@ -23,7 +24,7 @@ from tilepipe.io.file_bands import bands_of, read_bands
 from tilepipe.io.gdal_options import input_options
 from tilepipe.io.georeference import Geometry, check_geometry
 from tilepipe.io.identity import PAM, Files, digest_of, file_state, files_of
-from tilepipe.io.paths import absolute_name, file_of, gdal_name, is_local, is_remote, location, one_line
+from tilepipe.io.paths import absolute_name, file_of, gdal_name, is_local, is_of_driver, is_remote, location, one_line
 from tilepipe.io.tiff_blocks import end_of_pixels
 from tilepipe.io.vrt import Behind, files_behind, vrt_text
 from tilepipe.tiling.grid import Window
@@ -33,6 +34,8 @@ if TYPE_CHECKING:
 
 _OPEN_FILES = 32
 """Datasets that one thread keeps open."""
+
+_PACKED = (".gz", ".tar", ".tgz", ".7z", ".rar", ".bz2", ".xz", ".zst")
 
 _local = threading.local()
 
@@ -93,6 +96,8 @@ def open_source(item: str | Path | xr.DataArray, *, crs: str | None, choice: Cho
     """Open one input of a mosaic; see `open_raster`."""
     if not isinstance(item, (str, Path)):
         return array_source(item, ARRAY, crs=crs, choice=choice)
+    if is_of_driver(item):
+        raise InputError(f"{item}: names a part of a file; write it out first: {_write_out(str(item))}")
     name = location(item)
     path = Path(name)
     if is_local(name) and not path.exists():
@@ -207,6 +212,10 @@ def _file_source(name: str, *, crs: str | None, choice: Choice) -> FileSource:
             warnings.simplefilter("ignore", NotGeoreferencedWarning)
             dataset = rasterio.open(path)
         with dataset:
+            if not dataset.count:
+                parts = dataset.subdatasets
+                which = f"{len(parts)} rasters; write one out first: {_write_out(parts[0])}" if parts else "no raster"
+                raise InputError(f"{name}: holds {which}")
             bands = choice.of(bands_of(dataset), name)
             if any(np.dtype(dataset.dtypes[band - 1]).kind == "c" for band in bands):
                 raise InputError(f"{name}: holds complex numbers; use a raster of real values")
@@ -231,12 +240,19 @@ def _file_source(name: str, *, crs: str | None, choice: Choice) -> FileSource:
     return FileSource(name, geometry, path, bands, files, _elsewhere(path, behind))
 
 
+def _write_out(name: str) -> str:
+    """Command that makes a GeoTIFF of what only a driver of GDAL finds."""
+    return f"gdal_translate {shlex.quote(name)} OUT.tif"
+
+
 def _unopened(path: str, error: Exception) -> str:
     """What is wrong with what GDAL cannot open, and what can be done about it."""
     if is_remote(path):
         return f"cannot be opened ({one_line(error)}); check the address, the network, and the right to read there"
     if file_of(path) != path:
         return f"cannot be opened in its archive ({one_line(error)}); check the path"
+    if path.lower().endswith(_PACKED):
+        return "is packed; unpack it first, or name the raster in it by a /vsi path of GDAL"
     return "is no raster that GDAL can read, or is damaged; use GeoTIFF, COG, VRT or Zarr, or copy it anew"
 
 

@@ -122,7 +122,6 @@ def store_files(path: Path, name: str, variable: str, axes: Sequence[Axis]) -> S
     Examples
     --------
     >>> from pathlib import Path
-    from typing import Literal
     >>> import zarr
     >>> from tilepipe.io.stores import store_files
     >>> _ = zarr.create_array("a.zarr/height", shape=(4, 6), chunks=(2, 6), dtype="uint8")

@@ -152,3 +152,18 @@ def test_fingerprints_tell_fields_apart() -> None:
     prints = fingerprints(place.ravel(), time.ravel())
     assert len(np.unique(prints)) == prints.size
     assert not np.isin(fingerprints(place.ravel() + 1000, time.ravel()), prints).any()
+
+
+def test_copies_in_a_format_without_times_count_once(scene, tmp_path) -> None:
+    x, y, z = scene
+    times = np.arange(float(len(x)))
+    whole = write(tmp_path / "whole.las", x, y, z, offset=OFFSET, gps_time=times)
+    left, right = x < x.mean() + 5, x > x.mean() - 5
+    parts = [
+        write(tmp_path / "a.las", x[left], y[left], z[left], offset=OFFSET, gps_time=times[left]),
+        write(tmp_path / "b.las", x[right], y[right], z[right], offset=OFFSET, kind=0),
+    ]
+    expected = grid_clouds([whole], tmp_path / "whole.tif", method="mean")
+    with pytest.warns(UserWarning, match=f"^{int((left & right).sum()):,} points that several of the clouds hold"):
+        found = grid_clouds(parts, tmp_path / "parts.tif", method="mean")
+    np.testing.assert_array_equal(read(found), read(expected))

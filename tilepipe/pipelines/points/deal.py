@@ -103,7 +103,8 @@ def _dealt(plan: GridPlan, number: int, cloud: Cloud, chunk: Chunk) -> _Dealt:
     order = points["value"]
     marks = np.empty(len(order), MARK)
     steps = np.array([each.scales for each in job.clouds]).max(axis=0)
-    marks["print"], marks["cloud"] = identities(cloud, read, steps)[order], number
+    by_time = all(each.has_times for each in job.clouds)
+    marks["print"], marks["cloud"] = identities(cloud, read, steps, by_time=by_time)[order], number
     points["value"] = values[order]
     return points, marks, starts
 
