@@ -39,7 +39,7 @@ def test_each_step_is_on_disk_before_the_next(tmp_path: Path) -> None:
     written = len(calls) - 1 - calls[::-1].index(("put", f"{STATE}/{FILES}"))
     assert all(at(("fsync", f"{state}/{name}")) < written for name in LAYERS)
     aside = at(("put", f"{state}/{RECORD}"))
-    assert calls[aside - 2][0] == "fsync" and aside < written, "the record to come is whole"
+    assert calls[aside - 2] == ("fsync", calls[aside - 1][1]) and aside < written, "the record to come is whole"
     record_gone = at(("gone", RECORD))
     assert written < record_gone and flushed(written, record_gone, STATE)
     # nothing claims the files of the earlier run before they go

@@ -27,7 +27,10 @@ from tilepipe.pipelines.streets import pass_segment
 from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import Tile
 
-pytestmark = pytest.mark.filterwarnings("ignore:.*still wanted to change")
+pytestmark = [
+    pytest.mark.filterwarnings(f"ignore:.*{warning}")
+    for warning in ("still wanted to change", "has no line", "has not converged")
+]
 
 
 @dataclass
