@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import re
 import signal
@@ -10,6 +11,7 @@ import sys
 import time
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -46,6 +48,17 @@ def test_the_item_of_a_lost_process_is_computed_again_and_no_other(monkeypatch, 
     said = sorted(re.sub(r"\d+", "N", str(warning.message), count=1) for warning in told)
     assert said[1] == "worker process N was ended by SIGTERM at item 2, which is computed again"
     assert len(said) == 2 and "SIGKILL" in said[0] and "item 3" in said[0]
+
+
+def named_lock(item: int) -> str:
+    """Name in the system of a lock that a library might make, which would be left when its process is killed."""
+    lock: Any = multiprocessing.Lock()
+    return lock._semlock.name or ""
+
+
+def test_no_lock_outlives_a_worker():
+    with open_executor("processes", 1) as executor:
+        assert list(executor.run(named_lock, [1])) == [(1, "", None)]
 
 
 def refuse(item: int) -> object:

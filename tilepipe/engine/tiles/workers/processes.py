@@ -187,6 +187,9 @@ def _serve(pipe: Connection) -> None:
     driver = multiprocessing.parent_process()
     assert driver is not None and driver.pid is not None
     end_with_parent(driver.pid, driver.sentinel)
+    # a lock that a library makes here is then none with a name in the system, which would outlive the end by a kill
+    if "fork" in multiprocessing.get_all_start_methods():
+        multiprocessing.set_start_method("fork", force=True)
     speaking = Lock()
 
     def say(what: bytes) -> None:
