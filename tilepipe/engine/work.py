@@ -18,6 +18,7 @@ from tilepipe.engine.pipeline import Pass, Pipeline, Setting, amount
 from tilepipe.engine.progress import Progress, Silent
 from tilepipe.engine.request import AlignedRaster, Request, checked_request
 from tilepipe.engine.run import Run, open_run
+from tilepipe.engine.run_folder import is_unfinished, sweep_finished
 from tilepipe.engine.tiles.ledger import Ledger
 from tilepipe.engine.tiles.passes import BoundPass
 from tilepipe.engine.tiles.state import StateArray
@@ -260,12 +261,20 @@ def run_pipeline(
     # a second process that compiles is in no plan
     here = request.backend == "numpy" and not options.uses_cluster
     warm_up = pipeline.warm_up if here and plan.has_room else ""
-    with (
-        compiled_beside(warm_up),
-        open_run(folder, record, request.identity(), options, progress or Silent(), request.uses, sources) as run,
-    ):
-        layers = _whole_layers(pipeline, pipeline.recipe(Work(request, run)))
-        for source in sources:
-            source.check()
-        run.publish(layers, record)
-        return [run.folder / layer.name for layer in layers]
+    published: list[Path] = []
+    try:
+        with (
+            compiled_beside(warm_up),
+            open_run(folder, record, request.identity(), options, progress or Silent(), request.uses, sources) as run,
+        ):
+            layers = _whole_layers(pipeline, pipeline.recipe(Work(request, run)))
+            for source in sources:
+                source.check()
+            published += [folder / layer.name for layer in layers]
+            run.publish(layers, record)
+    except KeyboardInterrupt:
+        if not published or is_unfinished(folder):
+            raise
+        # its record has appeared, so the run is finished and all that it still had to do is this
+        sweep_finished(folder)
+    return published
