@@ -20,6 +20,10 @@ class MemoryLimitError(InputError):
     """What the finished tiles hold needs more than ``--memory``; they are kept, and a run with more memory goes on."""
 
 
+class OutputError(InputError):
+    """Results cannot be put where the user wants them; they are kept, and the same command goes on when they can."""
+
+
 class TileError(RuntimeError):
     """A tile of a pass failed; the message names the tile and the cause (exit code 1)."""
 

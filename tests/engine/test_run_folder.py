@@ -171,6 +171,10 @@ def test_a_file_that_appears_during_the_run_is_not_replaced(tmp_path: Path) -> N
 
     refused(r"map\.tif: was not written", tmp_path / "run", publish)
     assert (tmp_path / "run" / "map.tif").read_text() == "mine"
+    # what has been computed is kept until it is moved away
+    assert is_unfinished(tmp_path / "run")
+    (tmp_path / "run" / "map.tif").unlink()
+    assert contents(made(tmp_path / "run")) == layers("a")
 
 
 def test_overwriting_removes_all_layers_of_the_earlier_run(tmp_path: Path) -> None:
@@ -250,6 +254,42 @@ def test_who_was_taken_for_dead_does_not_publish(tmp_path: Path) -> None:
     assert not (tmp_path / "run" / RECORD).exists()
 
 
+def test_who_was_taken_for_dead_while_it_published_touches_nothing_more(tmp_path: Path) -> None:
+    folder = made(tmp_path / "run")
+    remove = Path.unlink
+
+    def remove_slowly(path: Path, **named: bool) -> None:
+        remove(path, **named)
+        if path == folder / RECORD:
+            # meanwhile another has run and published
+            (folder / STATE / OWNER).write_text("{}")
+            path.write_text("of another")
+
+    def publish() -> None:
+        with opened(folder, "b", overwrite=True) as run, patch.object(Path, "unlink", remove_slowly):
+            run.publish([], {"command": "streets"})
+
+    with pytest.raises(InputError, match="another process has taken it over"):
+        publish()
+    assert layers("a").items() <= contents(folder).items()
+    assert (folder / RECORD).read_text() == "of another"
+
+
+def test_who_was_taken_for_dead_removes_no_state(tmp_path: Path) -> None:
+    def refuse(run: Run) -> None:
+        (run.folder / STATE / OWNER).write_text("{}")
+        raise InputError("of no use")
+
+    refused("of no use", tmp_path / "run", refuse)
+    assert is_unfinished(tmp_path / "run")
+
+
+def test_a_link_to_a_folder_that_is_not_there_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "run").symlink_to(tmp_path / "nowhere")
+    with pytest.raises(InputError, match="is a link to a folder that is not there"):
+        made(tmp_path / "run")
+
+
 # --- a dead run does not write into a living one
 
 GRID = TileGrid((8, 8), (4, 4))
@@ -293,6 +333,24 @@ def test_a_worker_that_outlives_its_driver_writes_nowhere(tmp_path: Path) -> Non
     with pytest.raises(FileNotFoundError):
         left.context[0].write(GRID.tile(0), np.zeros((4, 4), np.int32))
     assert not (folder / STATE).exists()
+
+
+def test_a_chunk_makes_no_folder_of_a_state_anew_even_if_it_goes_while_the_chunk_is_written(tmp_path: Path) -> None:
+    (tmp_path / "token").mkdir()
+    array = StateArray(tmp_path / "token" / "a.zarr", GRID, "int32")
+    array.create()
+    make = os.mkdir
+
+    def make_late(path: str, *arguments: int, **named: int) -> None:
+        shutil.rmtree(tmp_path / "token", ignore_errors=True)
+        make(path, *arguments, **named)
+
+    with patch.object(os, "mkdir", make_late), pytest.raises(FileNotFoundError, match="another run has begun"):
+        array.write(GRID.tile(0), np.ones((4, 4), np.int32))
+    assert not (tmp_path / "token").exists()
+    with pytest.raises(FileNotFoundError, match="another run has begun"):
+        array.create()
+    assert not (tmp_path / "token").exists()
 
 
 def test_the_same_run_is_resumed_under_its_token(tmp_path: Path) -> None:

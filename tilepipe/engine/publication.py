@@ -19,32 +19,42 @@ from pathlib import Path
 from typing import Any
 
 from tilepipe.engine.run_folder import known_files, remove_state, write_log
+from tilepipe.engine.run_lock import RunLock
 from tilepipe.io.atomic import atomic_write_bytes, flush_folder, flush_to_disk
 from tilepipe.io.manifest import Written, as_table, refuse_foreign
 from tilepipe.io.record import PICTURES, RECORD, TIMINGS, as_toml
 
 
 def publish(
-    folder: Path, state: Path, layers: Sequence[Path], record: Mapping[str, Any], timings: Mapping[str, float]
+    folder: Path,
+    state: Path,
+    layers: Sequence[Path],
+    record: Mapping[str, Any],
+    timings: Mapping[str, float],
+    lock: RunLock,
 ) -> None:
     """Put the layers of a run in the place of those of an earlier one, and mark it as finished.
 
     Parameters
     ----------
     folder, state
-        Of the run; the caller holds its lock.
+        Of the run.
     layers
         Finished files in the state; they keep their names.
     record
         What was run.
     timings
         Seconds of each stage.
+    lock
+        Of the folder, held.
 
     Raises
     ------
-    InputError
-        A file that would be replaced or removed is none of tilepipe, or has been changed; nothing has been touched.
+    OutputError
+        A file that would be replaced or removed is none of tilepipe, or has been changed, and nothing has been touched;
+        or another process has taken the folder over, at whatever step, and is left alone from there on.
     """
+    lock.require()
     for layer in layers:
         flush_to_disk(layer)
     new, old = [Written.of(layer) for layer in layers], known_files(folder)
@@ -54,13 +64,16 @@ def publish(
     write_log(folder, dict.fromkeys((*old, *new, Written.of(aside))))
 
     for name in (RECORD, PICTURES):
+        lock.require()
         (folder / name).unlink(missing_ok=True)
     flush_folder(folder)
     for name in {file.name for file in old}:
+        lock.require()
         (folder / name).unlink(missing_ok=True)
     # no moment shows layers of two runs
     flush_folder(folder)
     for layer in layers:
+        lock.require()
         os.replace(layer, folder / layer.name)
     rounded = {name: round(seconds, 3) for name, seconds in timings.items()}
     (state / TIMINGS).write_bytes(json.dumps(rounded, indent=1).encode())
@@ -68,6 +81,7 @@ def publish(
     os.replace(state / TIMINGS, folder / TIMINGS)
     flush_folder(folder)
 
+    lock.require()
     os.replace(aside, folder / RECORD)
     flush_folder(folder)
     remove_state(folder)

@@ -22,7 +22,7 @@ from tilepipe.engine.run_lock import RunLock, held
 from tilepipe.engine.tiles.executors import Executor, open_executor
 from tilepipe.engine.tiles.ledger import Ledger
 from tilepipe.engine.tiles.passes import BoundPass, run_pass
-from tilepipe.errors import InputError, MemoryLimitError
+from tilepipe.errors import InputError, MemoryLimitError, OutputError
 from tilepipe.io.identity import ChangedInputError
 from tilepipe.io.record import STATE
 from tilepipe.io.sources import Source
@@ -73,12 +73,10 @@ class Run:
 
         Raises
         ------
-        InputError
+        OutputError
             Another process has taken the folder over, or a file that is in the way is none of tilepipe.
         """
-        if not self._lock.still_held():
-            raise InputError(f"{self.folder}: another process has taken it over; this run is not published")
-        publish(self.folder, self.state, layers, record, self.timings)
+        publish(self.folder, self.state, layers, record, self.timings, self._lock)
 
 
 @contextmanager
@@ -160,11 +158,11 @@ def _held_run(
             open_executor(options.executor, options.resolved_workers, state) as executor,
         ):
             yield Run(folder, state, lock, options, executor, progress)
-    except (ChangedInputError, MemoryLimitError):
-        # tiles that were finished before are good if the input turns out to be the same, or for a run with more memory
+    except (ChangedInputError, MemoryLimitError, OutputError):
+        # finished tiles are good: if the input turns out to be the same, with more memory, or where there is room
         raise
     except InputError:
-        if began and _passes_with_facts(state) <= 1:
+        if began and _passes_with_facts(state) <= 1 and lock.still_held():
             remove_state(folder)
         raise
 

@@ -71,6 +71,8 @@ def check_folder(folder: Path, uses: Uses, *, overwrite: bool) -> None:
         It is a file, holds a finished run and is not to be overwritten, holds files of others, or an input would be
         replaced.
     """
+    if folder.is_symlink() and not folder.exists():
+        raise InputError(f"{folder}: is a link to a folder that is not there; make that folder or name another one")
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: is a file; name a folder for the run")
     state = folder / STATE

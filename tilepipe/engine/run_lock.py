@@ -21,7 +21,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from tilepipe.errors import InputError
+from tilepipe.errors import InputError, OutputError
 from tilepipe.io.atomic import flush_folder
 
 LOCK = "lock"
@@ -56,6 +56,17 @@ class RunLock:
         with suppress(OSError):
             return self.owner.read_bytes().startswith(self.name)
         return False
+
+    def require(self) -> None:
+        """Go no further when another process has taken the folder over.
+
+        Raises
+        ------
+        OutputError
+            One has.
+        """
+        if not self.still_held():
+            raise OutputError(f"{self.state.parent}: another process has taken it over; this run is not published")
 
     @contextmanager
     def signing(self, alone: bool) -> Iterator[None]:

@@ -16,7 +16,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from tilepipe.errors import InputError
+from tilepipe.errors import InputError, OutputError
 from tilepipe.io.paths import local_output
 from tilepipe.io.side_file import side_file
 
@@ -50,7 +50,7 @@ def atomic_write(final: str | os.PathLike[str]) -> Iterator[Path]:
 
     Raises
     ------
-    InputError
+    OutputError
         The folder is missing or unwritable, the disk is full, or `final` is no file; the message names the file and the
         remedy.
 
@@ -79,7 +79,7 @@ def atomic_write(final: str | os.PathLike[str]) -> Iterator[Path]:
         remedy = _remedy(error, folder)
         if remedy is None:
             raise
-        raise InputError(f"cannot write {final}: {remedy}") from error
+        raise OutputError(f"cannot write {final}: {remedy}") from error
     finally:
         if folder != final.parent:
             shutil.rmtree(folder, ignore_errors=True)
@@ -128,7 +128,7 @@ def check_replaceable(final: Path) -> None:
 
     Raises
     ------
-    InputError
+    OutputError
         It is a folder, a device, a pipe or a socket.
 
     Examples
@@ -138,11 +138,11 @@ def check_replaceable(final: Path) -> None:
     >>> check_replaceable(Path("/dev/null"))
     Traceback (most recent call last):
         ...
-    tilepipe.errors.InputError: cannot write /dev/null: it is no file but a folder or device; choose another name
+    tilepipe.errors.OutputError: cannot write /dev/null: it is no file but a folder or device; choose another name
     """
     with suppress(OSError):
         if not stat.S_ISREG(final.stat().st_mode):
-            raise InputError(f"cannot write {final}: it is no file but a folder or device; choose another name")
+            raise OutputError(f"cannot write {final}: it is no file but a folder or device; choose another name")
 
 
 def is_aside(name: str) -> bool:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tilepipe.errors import InputError
+from tilepipe.errors import InputError, OutputError
 from tilepipe.io.atomic import atomic_write_bytes
 from tilepipe.io.record import as_toml, read_record
 
@@ -121,7 +121,7 @@ def refuse_foreign(folder: Path, names: Iterable[str], known: Iterable[Written])
 
     Raises
     ------
-    InputError
+    OutputError
         One of them is another file.
 
     Examples
@@ -132,7 +132,7 @@ def refuse_foreign(folder: Path, names: Iterable[str], known: Iterable[Written])
     >>> refuse_foreign(Path("."), ["streets.tif"], known=[])
     Traceback (most recent call last):
         ...
-    tilepipe.errors.InputError: streets.tif: was not written by tilepipe or has changed since; move it away
+    tilepipe.errors.OutputError: streets.tif: was not written by tilepipe or has changed since; move it away
     """
     known = list(known)
     for name in dict.fromkeys(names):
@@ -140,7 +140,7 @@ def refuse_foreign(folder: Path, names: Iterable[str], known: Iterable[Written])
         if (path.is_symlink() or path.exists()) and not any(
             file.lies_in(folder) for file in known if file.name == name
         ):
-            raise InputError(f"{path}: {_FOREIGN}")
+            raise OutputError(f"{path}: {_FOREIGN}")
 
 
 def _crc32(path: Path) -> int:

@@ -5,6 +5,7 @@ What a tile has written is noted among its facts by a checksum, so that a later 
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache, lru_cache
@@ -15,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tilepipe.engine.tiles.facts_file import checksum
+from tilepipe.io.atomic import atomic_write_bytes
 from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import Tile, TileGrid, Window
 from tilepipe_kernels.core.arrays import to_host
@@ -57,7 +59,7 @@ class StateArray:
             return
         compressor = BloscCodec(cname="lz4", clevel=1, shuffle="shuffle")
         zarr.create_array(
-            self.path,
+            _lasting_store()(self.path),
             shape=self.grid.shape,
             chunks=self._chunks,
             dtype=self.dtype,
@@ -121,16 +123,33 @@ def _opened_array(path: Path, _version: int) -> Any:
 
 @cache
 def _lasting_store() -> Any:
-    """Kind of store that makes no folder anew: where the state is gone, another run has begun."""
+    """Kind of store that makes no folder above its own anew: where the state is gone, another run has begun."""
     from zarr.storage import LocalStore
 
     class LastingStore(LocalStore):
+        def __init__(self, root: Path, **named: Any) -> None:
+            super().__init__(root, **named)
+            # to open it would make all folders above
+            self._is_open = True
+
         async def set(self, key: str, value: Any) -> None:
-            if not (self.root / "zarr.json").is_file():
-                raise FileNotFoundError(f"{self.root}: the state is gone, for another run has begun")
-            await super().set(key, value)
+            await asyncio.to_thread(self.set_sync, key, value)
+
+        def set_sync(self, key: str, value: Any) -> None:
+            _write_below(self.root, key, memoryview(value.as_numpy_array()))
 
     return LastingStore
+
+
+def _write_below(root: Path, key: str, content: memoryview) -> None:
+    """Write a file in one step; of the folders that lead to it only `root` and those below it are made."""
+    path = root / key
+    try:
+        for folder in reversed([each for each in path.parents if each.is_relative_to(root)]):
+            folder.mkdir(exist_ok=True)
+        atomic_write_bytes(path, content)
+    except FileNotFoundError:
+        raise FileNotFoundError(f"{root}: the state is gone, for another run has begun") from None
 
 
 def write_state(arrays: Mapping[str, StateArray], tile: Tile, values: Mapping[str, NDArray[Any]]) -> Facts:
