@@ -292,8 +292,8 @@ def test_overwriting_does_not_clear_the_state_of_a_process_at_work(tell, monkeyp
 
 
 def testassignments():
-    texts = ["a=3", "b=0.5", "c=true", "d=histogram", 'e="x=y"', "f=", "g = 4", "a=5"]
-    expected = {"a": 5, "b": 0.5, "c": True, "d": "histogram", "e": "x=y", "f": "", "g": 4}
+    texts = ["a=3", "b=0.5", "c=true", "d=histogram", 'e="x=y"', "f=", "g = 4", "a=5", "h=" + "[" * 5000]
+    expected = {"a": 5, "b": 0.5, "c": True, "d": "histogram", "e": "x=y", "f": "", "g": 4, "h": "[" * 5000}
     assert assignments(texts) == expected
     for bad in ("tolerance", "=3"):
         with pytest.raises(InputError, match="write --set name=value"):

@@ -148,6 +148,9 @@ def test_a_run_that_lies_nowhere_is_not_drawn(folder: Path, entry: str, value: A
 
 SPECIAL = {
     "nested": b"a = " + b"[" * 100_000,
+    "tables in tables": b"a" + b".a" * 200_000 + b" = 1",
+    "quoted tables": b"a = {" + b"'a' . " * 2000 + b"b = 1}",
+    "headers": b"[" + b"a." * 90 + b"a]\n" + b"b." * 50 + b"b = 1",
     "many digits": b"a = " + b"9" * 10_000,
     "no day": b"a = 2021-02-30",
     "no UTF-8": b"a = '\xff'",

@@ -148,6 +148,9 @@ def test_crs_errors(tmp_path) -> None:
     assert not (tmp_path / "o.tif").exists()
 
 
+ENDLESS = "records without end", "extended records without end"
+
+
 def damaged(path: Path, kind: str) -> None:
     data = bytearray(path.read_bytes())
     match kind:
@@ -161,11 +164,32 @@ def damaged(path: Path, kind: str) -> None:
             data = data[:150]
         case "not a number":
             data[131:139] = np.array([np.nan]).tobytes()
+        case "records without end":
+            data[100:104] = b"\xff" * 4
+        case "extended records without end":
+            data[24:26], data[243:247] = b"\1\4", b"\xff" * 4
     path.write_bytes(data)
 
 
+@pytest.mark.parametrize("at_the_end", [False, True])
+def test_a_table_of_more_chunks_than_bytes_is_refused(clouds, tmp_path, at_the_end) -> None:
+    path = tmp_path / "b.laz"
+    data = bytearray(path.read_bytes())
+    points = int.from_bytes(data[96:100], "little")
+    table = data[points : points + 8]
+    place = int.from_bytes(table, "little")
+    if at_the_end:
+        data[points : points + 8] = b"\xff" * 8
+        path.write_bytes(data + table)
+        assert read_cloud(path).points > 0
+    data[place + 4 : place + 8] = b"\xff" * 4
+    path.write_bytes(data + (table if at_the_end else b""))
+    with pytest.raises(InputError, match="counts more chunks than fit"):
+        read_cloud(path)
+
+
 @pytest.mark.parametrize("name", ["a.las", "b.laz"])
-@pytest.mark.parametrize("kind", ["empty file", "text", "cut off", "header cut off", "not a number"])
+@pytest.mark.parametrize("kind", ["empty file", "text", "cut off", "header cut off", "not a number", *ENDLESS])
 def test_damaged_files_are_named_and_leave_nothing(clouds, tmp_path, name, kind) -> None:
     damaged(tmp_path / name, kind)
     with pytest.raises(InputError, match=name):

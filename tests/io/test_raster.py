@@ -456,6 +456,14 @@ def test_zarr_format_3(tmp_path):
     assert open_raster([tmp_path / "a.zarr"]).members[0].source.stamp != before
 
 
+def test_a_damaged_chunk_of_a_store_is_named(tmp_path):
+    grid_array(numbers()).to_dataset(name="a").to_zarr(tmp_path / "a.zarr", zarr_format=3, consolidated=False)
+    next(p for p in (tmp_path / "a.zarr" / "a" / "c").rglob("*") if p.is_file()).write_bytes(b"no chunk")
+    raster = open_raster([tmp_path / "a.zarr"])
+    with pytest.raises(InputError, match=r"a\.zarr: is damaged, its rows 0:7, columns 0:9 cannot be read \(.+\); copy"):
+        whole(raster)
+
+
 def test_zarr_stores_of_several_rasters_are_refused(tmp_path):
     xr.Dataset({"a": grid_array(numbers()), "b": grid_array(numbers())}).to_zarr(tmp_path / "a.zarr", zarr_format=2)
     with pytest.raises(InputError, match="must hold one raster variable, it holds a, b"):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import inspect
 import sys
-import tomllib
 from collections.abc import Callable, Sequence
 from typing import Annotated, Any
 
@@ -31,6 +30,7 @@ from tilepipe.cli.options import (
 from tilepipe.cli.records import run_record
 from tilepipe.engine.inputs import Input
 from tilepipe.errors import InputError
+from tilepipe.io.record import parsed_toml
 from tilepipe.pipelines import registry
 
 
@@ -162,7 +162,7 @@ def assignments(texts: list[str]) -> dict[str, Any]:
         if not equals or not name:
             raise InputError(f"--set {text}: write --set name=value")
         try:
-            values[name.strip()] = tomllib.loads(f"value = {value}")["value"]
-        except tomllib.TOMLDecodeError:
+            values[name.strip()] = parsed_toml(f"value = {value}")["value"]
+        except ValueError:
             values[name.strip()] = value
     return values

@@ -109,12 +109,24 @@ class ArraySource:
 
     def read_bands(self, window: Window) -> Iterator[NDArray[np.float32]]:
         """See `Source.read_bands`."""
-        part = self.array[(slice(None), *window.slices)].data
-        if hasattr(part, "compute"):
-            part = part.compute(scheduler="synchronous")
-        stored, count = np.asarray(part), len(self.packings)
+        stored, count = self._stored(window), len(self.packings)
         alpha = self.packings[0].stored(stored[count]) if len(stored) > count else None
         return unpack_bands(list(stored[:count]), self.packings, alpha)
+
+    def _stored(self, window: Window) -> NDArray[Any]:
+        part = self.array[(slice(None), *window.slices)].data
+        try:
+            return np.asarray(part.compute(scheduler="synchronous") if hasattr(part, "compute") else part)
+        except Exception as error:
+            # what the graph of an array of the user's says is his; a store is data
+            if self.name == ARRAY:
+                raise
+            # a store that is being replaced is no damaged one
+            self.check(window)
+            raise InputError(
+                f"{self.name}: is damaged, its rows {window.top}:{window.bottom}, columns {window.left}:{window.right} "
+                f"cannot be read ({one_line(error)}); copy the store anew"
+            ) from error
 
 
 def array_source(array: xr.DataArray, name: str, *, crs: str | None, choice: Choice) -> ArraySource:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import stat
 import tomllib
 from collections.abc import Callable, Mapping
@@ -19,6 +20,13 @@ STATE = ".state"
 """Folder of an unfinished run, in the folder of the run."""
 
 TABLES = ("inputs", "raster", "options", "parameters", "files")
+_DEEPEST = 100
+"""Most tables and lists within each other: many more than records have, and few enough to walk through by recursion."""
+
+# tomllib takes a time that grows with the square of the parts of a key
+_LONG_KEY = re.compile(rf"""(?<![\w'"-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){{{_DEEPEST}}}""")
+_TOO_DEEP = "too many tables or brackets within each other"
+
 KNOWN = ("command", "version", "out", "elsewhere", *TABLES)
 """What a record may hold."""
 
@@ -78,12 +86,40 @@ def read_toml(path: Path) -> dict[str, Any]:
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); {advice}") from None
     try:
-        return tomllib.loads(content.decode())
-    except RecursionError:
-        raise InputError(f"{path}: is no valid TOML (too many brackets within each other)") from None
+        return parsed_toml(content.decode())
     # a number of too many digits is a ValueError of its own
     except (MemoryError, ValueError) as error:
         raise InputError(f"{path}: is no valid TOML ({_shortened(str(error))})") from error
+
+
+def parsed_toml(text: str) -> dict[str, Any]:
+    """What a text of TOML holds.
+
+    Raises
+    ------
+    ValueError
+        It is no TOML, or more tables and lists lie within each other than anything has that is written here.
+
+    Examples
+    --------
+    >>> from tilepipe.io.record import parsed_toml
+    >>> parsed_toml("inputs.band = 2")
+    {'inputs': {'band': 2}}
+    """
+    if _LONG_KEY.search(text):
+        raise ValueError(_TOO_DEEP)
+    try:
+        found = tomllib.loads(text)
+    except RecursionError:
+        raise ValueError(_TOO_DEEP) from None
+    if _is_deeper(found, _DEEPEST):
+        raise ValueError(_TOO_DEEP)
+    return found
+
+
+def _is_deeper(value: Any, levels: int) -> bool:
+    inner = value.values() if isinstance(value, dict) else value if isinstance(value, list) else None
+    return inner is not None and (levels == 0 or any(_is_deeper(item, levels - 1) for item in inner))
 
 
 def as_toml(record: Mapping[str, Any]) -> bytes:

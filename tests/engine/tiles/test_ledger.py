@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import json
 import tracemalloc
+import zlib
 from io import BytesIO
 
 import numpy as np
 import pytest
 
-from tilepipe.engine.tiles.facts_file import checksum, layout, pack
+from tilepipe.engine.tiles.facts_file import checksum, count_rows, layout, pack, read_facts
 from tilepipe.engine.tiles.ledger import Ledger
 
 
@@ -31,6 +33,23 @@ def test_a_changed_byte_is_noticed(position):
     data[position] ^= 1
     with pytest.raises(ValueError, match="damaged"):
         layout(BytesIO(data))
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        *(7, {"a": 1}, [["a"]], [["a", "<i4", [-1]]], [["a", "<i4", [2.0]]], [["a", "|O", [1]]], [[1, "<i4", [1]]]),
+        *([["a", "no type", [1]]], [["a", "<i4", [1 << 40]]], [["a", "<i4", 1]]),
+    ],
+)
+def test_a_header_that_is_none_of_facts_is_noticed_whatever_its_checksum(tmp_path, header):
+    text = json.dumps(header).encode()
+    rest = len(text).to_bytes(4, "little") + text + bytes(4)
+    path = tmp_path / "tile.facts"
+    path.write_bytes(zlib.crc32(rest).to_bytes(4, "little") + rest)
+    for read in (read_facts, count_rows):
+        with pytest.raises(ValueError, match="damaged"):
+            read(path)
 
 
 def test_a_short_file_is_noticed():

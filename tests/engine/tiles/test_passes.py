@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import threading
 from dataclasses import dataclass
 from pathlib import Path
@@ -148,3 +149,16 @@ def test_an_array_made_anew_under_the_same_name_is_opened_anew(tmp_path):
         assert array.read(array.grid.tile(1).core).min() == tile
         assert len(list((tmp_path / "a.zarr" / "c").rglob("*"))) == 2
         shutil.rmtree(array.path)
+
+
+@pytest.mark.parametrize(
+    ("entry", "value"),
+    [("codecs", [{"name": "bytes", "configuration": {"endian": "big"}}]), ("fill_value", 3), ("shape", [20, 21])],
+)
+def test_an_array_of_another_description_is_made_anew(tmp_path, entry, value):
+    array = StateArray(tmp_path / "a.zarr", TileGrid((20, 20), (10, 10)), "int32")
+    array.create()
+    created = (array.path / "zarr.json").read_bytes()
+    (array.path / "zarr.json").write_text(json.dumps(json.loads(created) | {entry: value}))
+    array.create()
+    assert (array.path / "zarr.json").read_bytes() == created

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import zlib
 from collections.abc import Mapping
 from functools import lru_cache
@@ -32,6 +33,8 @@ def checksum(array: NDArray[Any]) -> int:
 
 
 Part = bytes | memoryview
+
+_DAMAGED = "damaged or incomplete file"
 
 _READ = 1 << 20
 """Bytes that are read at once for a checksum."""
@@ -85,17 +88,29 @@ def layout(file: BinaryIO) -> Layout:
     while part := file.read(_READ):
         check = zlib.crc32(part, check)
     if len(found) < 4 or check != int.from_bytes(found, "little"):
-        raise ValueError("damaged or incomplete file")
+        raise ValueError(_DAMAGED)
     return _header(file)
 
 
 def _header(file: BinaryIO) -> Layout:
+    """Layout that the header tells, which must be that of the whole file."""
+    end = file.seek(0, os.SEEK_END)
     file.seek(4)
     size = int.from_bytes(file.read(4), "little")
     start, found = 8 + size, []
-    for name, dtype, shape in json.loads(file.read(size)):
-        found.append((name, dtype, tuple(shape), start))
-        start += math.prod(shape) * np.dtype(dtype).itemsize
+    try:
+        for name, dtype, shape in json.loads(file.read(min(size, end))):
+            kind = np.dtype(str(dtype))
+            sizes = all(type(rows) is int and rows >= 0 for rows in shape)
+            if not isinstance(name, str) or kind.hasobject or not sizes:
+                raise ValueError(_DAMAGED)
+            found.append((name, kind.str, tuple(shape), start))
+            start += math.prod(shape) * kind.itemsize
+    # whatever another text makes Python say
+    except (TypeError, ValueError, RecursionError, SyntaxError) as error:
+        raise ValueError(_DAMAGED) from error
+    if start != end:
+        raise ValueError(_DAMAGED)
     return tuple(found)
 
 

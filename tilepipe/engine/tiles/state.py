@@ -52,32 +52,34 @@ class StateArray:
 
     def create(self) -> None:
         """Create the array unless it is there as it was created; a damaged one is made anew, empty."""
+        if not self._is_created():
+            self._create_in(_lasting_store()(self.path))
+
+    def _create_in(self, store: Any) -> Any:
         import zarr
         from zarr.codecs import BloscCodec
 
-        if self._is_created():
-            return
-        compressor = BloscCodec(cname="lz4", clevel=1, shuffle="shuffle")
-        zarr.create_array(
-            _lasting_store()(self.path),
+        return zarr.create_array(
+            store,
             shape=self.grid.shape,
             chunks=self._chunks,
             dtype=self.dtype,
             fill_value=self.fill,
-            compressors=compressor,
+            compressors=BloscCodec(cname="lz4", clevel=1, shuffle="shuffle"),
             overwrite=True,
         )
 
     def _is_created(self) -> bool:
+        from zarr.storage import MemoryStore
+
         if not (self.path / "zarr.json").is_file():
             return False
         try:
-            array = _open_array(self.path)
+            found = _open_array(self.path).metadata.to_dict()
         # whatever a damaged description makes zarr say
         except Exception:
             return False
-        found = array.shape, array.chunks, array.dtype, array.fill_value
-        return found == (self.grid.shape, self._chunks, np.dtype(self.dtype), self.fill)
+        return bool(found == self._create_in(MemoryStore()).metadata.to_dict())
 
     @property
     def _chunks(self) -> tuple[int, ...]:
