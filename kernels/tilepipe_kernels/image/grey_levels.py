@@ -17,11 +17,11 @@ LARGEST_GREY = 255.0
 STEPS = 128
 """Steps of a stored grey level; the lowest bit of a stored value is the nodata flag."""
 
-NO_REGION = 65534
-"""Stored grey of a pixel that belongs to no region (65535 when it is nodata as well)."""
+NO_GREY = 65534
+"""Stored grey of a pixel that has none, or none that counts (65535 when it is nodata as well)."""
 
 _ZERO, _LARGEST, _STEPS, _PER_STEP = (np.float32(value) for value in (0, LARGEST_GREY, STEPS, 1 / STEPS))
-_NO_REGION = np.uint16(NO_REGION)
+_NO_GREY = np.uint16(NO_GREY)
 
 LEVEL_STEPS = 1024
 """Steps of a grey value in units of a level: sums of their squares are then exact, in whatever order."""
@@ -37,10 +37,10 @@ def stretched(value: np.float32, darkest: np.float32, scale: np.float32) -> np.f
 
 
 @rule
-def stored(grey: np.float32, in_region: bool, missing: bool) -> np.uint16:
-    """Grey level of a region in steps above the nodata flag; `NO_REGION` with the flag elsewhere."""
+def stored(grey: np.float32, missing: bool) -> np.uint16:
+    """Grey level in steps above the nodata flag; `NO_GREY` with the flag where there is none."""
     # the cast of NaN is undefined and differs between the compiler's loops, so NaN counts as no grey of its own
-    steps = np.uint16(np.uint16(nearest_whole(grey * _STEPS)) << 1) if in_region and grey == grey else _NO_REGION
+    steps = np.uint16(np.uint16(nearest_whole(grey * _STEPS)) << 1) if grey == grey else _NO_GREY
     return np.uint16(steps | np.uint16(missing))
 
 
@@ -58,7 +58,7 @@ def restored_in_street(
     """Grey level of a pixel of the image of streets: bright outside; what the mask bridges is dark."""
     if not in_mask:
         return bright
-    return restored(packed, dark, limit) if region != 0 and packed < _NO_REGION else dark
+    return restored(packed, dark, limit) if region != 0 and packed < _NO_GREY else dark
 
 
 @rule
@@ -87,12 +87,10 @@ def _stretch(values: NDArray[np.float32], darkest: np.float32, scale: np.float32
 
 
 @loop
-def _store(
-    grey: NDArray[np.float32], in_region: NDArray[np.bool_], missing: NDArray[np.bool_], packed: NDArray[np.uint16]
-) -> None:
+def _store(grey: NDArray[np.float32], missing: NDArray[np.bool_], packed: NDArray[np.uint16]) -> None:
     for i in range(grey.shape[0]):
         for j in range(grey.shape[1]):
-            packed[i, j] = stored(grey[i, j], in_region[i, j], missing[i, j])
+            packed[i, j] = stored(grey[i, j], missing[i, j])
 
 
 @loop
@@ -188,36 +186,35 @@ def to_levels(grey: NDArray[np.float32], means: NDArray[np.float64]) -> NDArray[
     return levels
 
 
-def store(grey: NDArray[np.float32], in_region: NDArray[np.bool_], missing: NDArray[np.bool_]) -> NDArray[np.uint16]:
-    """Grey levels of regions as uint16 in steps of 1/128, the lowest bit being the nodata flag.
+def store(grey: NDArray[np.float32], missing: NDArray[np.bool_]) -> NDArray[np.uint16]:
+    """Grey levels as uint16 in steps of 1/128, the lowest bit being the nodata flag.
 
     Parameters
     ----------
     grey
-        float32, shape (rows, columns); may be NaN outside regions.
-    in_region, missing
-        bool, same shape: pixels of regions, and pixels that are nodata in the input.
+        float32, shape (rows, columns); NaN where there is none.
+    missing
+        bool, same shape: pixels that are nodata in the input; they may have a grey level that bridges the void.
 
     Returns
     -------
     ndarray of uint16, shape (rows, columns)
-        `NO_REGION`, with the flag, outside regions.
+        `NO_GREY`, with the flag, where there is no grey level.
 
     Examples
     --------
     >>> import numpy as np
-    >>> from tilepipe_kernels.image.grey_levels import NO_REGION, store
-    >>> grey = np.array([[12.5, 200.0]], np.float32)
-    >>> packed = store(grey, in_region=np.array([[True, False]]), missing=np.array([[False, True]]))
+    >>> from tilepipe_kernels.image.grey_levels import NO_GREY, store
+    >>> packed = store(np.array([[12.5, np.nan]], np.float32), missing=np.array([[False, True]]))
     >>> float(packed[0, 0] >> 1) / 128, bool(packed[0, 0] & 1)  # grey level and nodata flag
     (12.5, False)
-    >>> bool(packed[0, 1] == NO_REGION | 1)
+    >>> bool(packed[0, 1] == NO_GREY | 1)
     True
     """
-    if on_device(grey, in_region, missing):
-        return device_form(__name__).store(grey, in_region, missing)
+    if on_device(grey, missing):
+        return device_form(__name__).store(grey, missing)
     packed = np.empty(grey.shape, np.uint16)
-    _store(grey, in_region, missing, packed)
+    _store(grey, missing, packed)
     return packed
 
 
@@ -258,7 +255,7 @@ def street_image(
     >>> import numpy as np
     >>> from tilepipe_kernels.image.grey_levels import store, street_image
     >>> grey, ids = np.array([[30, 60, 210, 210]], np.float32), np.array([[1, 1, 0, 0]], np.uint32)
-    >>> packed = store(grey, in_region=ids > 0, missing=np.zeros((1, 4), bool))
+    >>> packed = store(grey, missing=np.zeros((1, 4), bool))
     >>> mask = np.array([[True, True, True, False]])
     >>> street_image(mask, ids, packed, dark=50, bright=200, threshold=120).tolist()
     [[50.0, 60.0, 50.0, 200.0]]

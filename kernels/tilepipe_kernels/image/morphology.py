@@ -69,6 +69,21 @@ def open_mask(mask: NDArray[Any], radius: float) -> NDArray[np.bool_]:
     return _dilated(_eroded(mask_bytes(mask), radius).view(np.uint8), radius)
 
 
+def dilate_mask(mask: NDArray[Any], radius: float) -> NDArray[np.bool_]:
+    """Add to a mask all that lies within a distance of it.
+
+    Parameters, result and errors are those of `open_mask`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tilepipe_kernels.image.morphology import dilate_mask
+    >>> dilate_mask(np.array([[0, 0, 0, 0, 1]]), radius=2).astype(int).tolist()
+    [[0, 0, 1, 1, 1]]
+    """
+    return _dilated(mask_bytes(mask), radius)
+
+
 def close_mask(mask: NDArray[Any], radius: float) -> NDArray[np.bool_]:
     """Fill gaps that a disc does not fit into: the opening of the background.
 

@@ -55,8 +55,8 @@ def test_grey_levels_are_the_same() -> None:
         to_host(grey_levels.to_levels(on_gpu, means)), grey_levels.to_levels(stretched, means)
     )
     mask, missing = LABELS > 0, np.isnan(VALUES)
-    packed = grey_levels.store(stretched, mask, missing)
-    packed_there = grey_levels.store(on_gpu, to_device(mask), to_device(missing))
+    packed = grey_levels.store(stretched, missing)
+    packed_there = grey_levels.store(on_gpu, to_device(missing))
     np.testing.assert_array_equal(to_host(packed_there), packed)
     ids = LABELS.astype(np.uint32)
     levels = {"dark": 20.0, "bright": 180.0, "threshold": 90.0}

@@ -3,27 +3,27 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe.engine.pipeline import Gathered, Pass, Setting
+from tilepipe.engine.pipeline import Pass, Setting
 from tilepipe.engine.tiles.relabel import read_relabelled
 from tilepipe.engine.tiles.state import StateArray
 from tilepipe.engine.work import Work
 from tilepipe.pipelines.streets.layers import NODATA
+from tilepipe.pipelines.streets.line_nets import Net, bytes_per_pixel, gathered
 from tilepipe.pipelines.streets.parameters import StreetParameters
 from tilepipe.pipelines.streets.pass_levels import GreyScale
 from tilepipe.pipelines.streets.reconcile_regions import LOOKUP, Regions
 from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import Tile, TileGrid, Window
 from tilepipe_kernels.core.arrays import Backend, namespace, to_backend, to_host
-from tilepipe_kernels.image import morphology
-from tilepipe_kernels.image.grey_levels import street_image
+from tilepipe_kernels.image import borders, diffusion, distance, morphology
+from tilepipe_kernels.image.grey_levels import NO_GREY, street_image
 from tilepipe_kernels.network import skeleton, tracing
 from tilepipe_kernels.ridges.links import LINK_RADIUS, link_points
 from tilepipe_kernels.ridges.points import LinePoints, line_points
@@ -84,6 +84,16 @@ class LineContext:
         return self.parameters.sigma_in_pixels(self.resolution)
 
 
+@dataclass(frozen=True)
+class Streets:
+    """Arrays of a padded tile: region ids, stored grey levels, cleaned mask and grey image of the streets."""
+
+    ids: NDArray[np.uint32]
+    packed: NDArray[np.uint16]
+    mask: NDArray[np.bool_]
+    image: NDArray[np.float32]
+
+
 def halo(setting: Setting) -> int:
     """Pixels that the pass reads around a core."""
     parameters, resolution = setting.parameters, setting.resolution
@@ -95,7 +105,14 @@ def halo(setting: Setting) -> int:
     width = parameters.maximum_width / resolution
     ridge = ridges_halo(sigma, width)
     cap = parameters.half_width_in_pixels(resolution)
-    return cleaning + max(ridge, skeleton.halo(cap) + 2)
+    reach = border_reach(parameters, resolution)
+    measured = borders.halo(reach) + max(ridge, distance.halo(cap + reach))
+    return cleaning + max(measured, skeleton.halo(cap) + 2)
+
+
+def border_reach(parameters: StreetParameters, resolution: float) -> int:
+    """Pixels that noise may keep the border of a street out of its region: as far as a step of the diffusion sees."""
+    return diffusion.halo(1, parameters.gradient_sigma / resolution, parameters.diffusion_model)
 
 
 def read_regions(context: LineContext, window: Window) -> NDArray[np.uint32]:
@@ -116,65 +133,41 @@ def published_regions(context: LineContext, window: Window) -> NDArray[np.uint32
     return np.where(missing, np.uint32(NODATA), read_regions(context, window))
 
 
-def read_streets(context: LineContext, tile: Tile) -> tuple[NDArray[np.uint32], NDArray[np.bool_], NDArray[np.float32]]:
-    """Region ids, cleaned mask and grey image of the streets of a padded tile."""
+def read_streets(context: LineContext, tile: Tile) -> Streets:
+    """Read regions and grey levels of a padded tile, and clean the regions."""
     ids, scale = read_regions(context, tile.padded), context.scale
     if not ids.any():
-        return ids, np.zeros(ids.shape, np.bool_), np.full(ids.shape, scale.bright, np.float32)
+        nothing, bright = np.zeros(ids.shape, np.bool_), np.full(ids.shape, scale.bright, np.float32)
+        return Streets(ids, np.full(ids.shape, NO_GREY, np.uint16), nothing, bright)
     ids, packed = (to_backend(values, context.backend) for values in (ids, context.grey.read(tile.padded)))
     mask = _clean(context, ids > 0)
     image = street_image(mask, ids, packed, dark=scale.dark, bright=scale.bright, threshold=scale.threshold)
-    return ids, mask, image
+    return Streets(ids, packed, mask, image)
 
 
 def find_lines(context: LineContext, tile: Tile) -> Facts:
     """Tile function: trace the fragments of both ways to centerlines."""
-    ids, mask, image = read_streets(context, tile)
-    return _ridge_lines(context, tile, mask, image, ids) | _medial_axis(context, tile, mask, image, ids)
+    streets = read_streets(context, tile)
+    measured = _with_borders(context, streets)
+    return _ridge_lines(context, tile, streets, measured) | _medial_axis(context, tile, streets, measured)
 
 
-@dataclass(frozen=True)
-class Net:
-    """The densest net of lines that tiles can hold: crossing lines at the least distance from each other, in pixels."""
-
-    spacing: int
-
-    @classmethod
-    def of_ridges(cls, setting: Setting) -> Net:
-        """A Gaussian leaves no two lines apart that are nearer than its σ."""
-        return cls(max(2, math.floor(setting.parameters.sigma_in_pixels(setting.resolution))))
-
-    @classmethod
-    def of_axes(cls, setting: Setting) -> Net:
-        """Between two axes there are half of each opened street and a gap."""
-        return cls(2 + 2 * math.floor(setting.parameters.opening_radius / setting.resolution))
-
-    def fragments(self, setting: Setting) -> int:
-        """Fragments of all tiles: two to each crossing."""
-        rows, columns = setting.shape
-        tiles = -(-rows // setting.tile) * -(-columns // setting.tile)
-        crossings = [-(-min(setting.tile, side) // self.spacing) + 1 for side in (rows, columns)]
-        return 2 * tiles * math.prod(crossings)
-
-    def points(self, setting: Setting) -> int:
-        """Their points, each with both its crossings."""
-        return self.fragments(setting) * (self.spacing + 1)
-
-
-def bytes_per_pixel(setting: Setting) -> int:
-    """Peak memory of the pass per pixel, as measured: images and distances, and 32 bytes for each point of a line."""
-    points = Net.of_ridges(setting).points(setting) + Net.of_axes(setting).points(setting)
-    return 60 + math.ceil(32 * points / math.prod(setting.shape))
-
-
-def _gathered(prefix: str, net: Callable[[Setting], Net]) -> tuple[Gathered, Gathered]:
-    """What one way to centerlines leaves: the graph of the streets and the points of a few tiles, measured on nets."""
-    return (
-        Gathered(
-            f"pieces of {prefix} lines", f"{prefix}:end_kind", 600, lambda setting: net(setting).fragments(setting)
-        ),
-        Gathered(f"points of {prefix} lines", f"{prefix}:pixels", 80, lambda setting: net(setting).points(setting)),
+def _with_borders(context: LineContext, streets: Streets) -> Streets:
+    """The streets as their widths are measured: with the borders that noise has kept out of the regions."""
+    if not streets.mask.any():
+        return streets
+    scale, reach = context.scale, border_reach(context.parameters, context.resolution)
+    mask, image = borders.with_borders(
+        streets.mask,
+        streets.image,
+        streets.ids,
+        streets.packed,
+        dark=scale.dark,
+        bright=scale.bright,
+        reach=reach,
+        noise=scale.noise,
     )
+    return replace(streets, mask=mask, image=image)
 
 
 LINES = Pass(
@@ -182,7 +175,7 @@ LINES = Pass(
     find_lines,
     halo=halo,
     bytes_per_pixel=bytes_per_pixel,
-    gathers=_gathered(RIDGE, Net.of_ridges) + _gathered(AXIS, Net.of_axes),
+    gathers=gathered(RIDGE, Net.of_ridges) + gathered(AXIS, Net.of_axes),
     fewer="drop more of the regions (minimum_size, minimum_elongation)",
 )
 
@@ -204,17 +197,16 @@ def speck_pixels(parameters: StreetParameters, resolution: float) -> int:
 def _ridge_lines(
     context: LineContext,
     tile: Tile,
-    mask: NDArray[np.bool_],
-    image: NDArray[np.float32],
-    ids: NDArray[np.uint32],
+    streets: Streets,
+    measured: Streets,
 ) -> Facts:
     """Fragments of Steger's ridge lines."""
-    sigma = context.sigma
+    mask, sigma = streets.mask, context.sigma
     near = tile.core.padded(LINK_RADIUS, context.grid.shape).relative_to(tile.padded)
     xp = namespace(mask)
     wanted = xp.zeros(mask.shape, xp.bool_)
     wanted[near.slices] = mask[near.slices]
-    points = line_points(image, sigma, low=context.low, mask=wanted)
+    points = line_points(streets.image, sigma, low=context.low, mask=wanted)
     links = xp.zeros(mask.shape, xp.uint8)
     links[points.row, points.col] = link_points(points)
     core = tile.core_in_padded
@@ -226,30 +218,35 @@ def _ridge_lines(
         & (links[points.row, points.col] > 0)
     )
     points = points.take(inside)
-    width, contrast = _sampled_widths(context, tile, image, points)
+    width, contrast = _sampled_widths(context, tile, streets, measured, points)
     values = {
         "dx": points.dx,
         "dy": points.dy,
         "response": points.response,
         "width": width,
         "contrast": contrast,
-        "region": ids[points.row, points.col].astype(np.float32),
+        "region": streets.ids[points.row, points.col].astype(np.float32),
     }
     flat = points.row.astype(xp.int64) * mask.shape[1] + points.col
     return _fragments(RIDGE, links, tile, context, values, flat)
 
 
 def _sampled_widths(
-    context: LineContext, tile: Tile, image: NDArray[np.float32], points: LinePoints
+    context: LineContext, tile: Tile, streets: Streets, measured: Streets, points: LinePoints
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Width (pixels) and contrast of every fifth point along a line in any of the eight directions, NaN elsewhere."""
     top, left = tile.padded.origin
-    xp = namespace(image)
+    xp = namespace(streets.image)
     sample = xp.flatnonzero((points.row + top + 2 * (points.col + left)) % 5 == 0)
-    maximum_width = context.pixels(context.parameters.maximum_width)
-    found = line_widths(image, points.take(sample), context.sigma, maximum_width=maximum_width)
+    maximum_width, sampled = context.pixels(context.parameters.maximum_width), points.take(sample)
+    found, bordered = (
+        line_widths(each.image, sampled, context.sigma, maximum_width=maximum_width) for each in (streets, measured)
+    )
+    own, other = found.left + found.right, bordered.left + bordered.right
+    # edges that lie farther off than borders reach are those of something else
+    near = bordered.valid & (abs(other - own) <= 2 * border_reach(context.parameters, context.resolution))
     width, contrast = xp.full((2, len(points)), xp.nan, xp.float32)
-    width[sample] = xp.where(found.valid, found.left + found.right, xp.nan)
+    width[sample] = xp.where(found.valid, xp.where(near, other, own), xp.nan)
     contrast[sample] = xp.where(found.valid, found.contrast, xp.nan)
     return width, contrast
 
@@ -257,13 +254,12 @@ def _sampled_widths(
 def _medial_axis(
     context: LineContext,
     tile: Tile,
-    mask: NDArray[np.bool_],
-    image: NDArray[np.float32],
-    ids: NDArray[np.uint32],
+    streets: Streets,
+    measured: Streets,
 ) -> Facts:
     """Fragments of the skeleton."""
-    axis, squared = skeleton.medial_axis_and_distance(
-        mask,
+    axis = skeleton.medial_axis(
+        streets.mask,
         cap=context.cap,
         separation=context.pixels(context.parameters.separation),
         origin=tile.padded.origin,
@@ -272,16 +268,18 @@ def _medial_axis(
     xp = namespace(links)
     row, col = xp.nonzero(links != 0)
     zero = xp.zeros(row.size, xp.float32)
-    contrast = np.float32(context.scale.bright) - image[row, col]
+    contrast = np.float32(context.scale.bright) - streets.image[row, col]
+    reach = border_reach(context.parameters, context.resolution)
+    squared = distance.nearest_background(measured.mask, context.cap + reach)[0]
     values = {
         "dx": zero,
         "dy": zero,
         "response": zero,
         "width": skeleton.width_at(squared[row, col]),
         "contrast": contrast,
-        "region": ids[row, col].astype(np.float32),
+        "region": streets.ids[row, col].astype(np.float32),
     }
-    return _fragments(AXIS, links, tile, context, values, row * mask.shape[1] + col)
+    return _fragments(AXIS, links, tile, context, values, row * links.shape[1] + col)
 
 
 def _fragments(

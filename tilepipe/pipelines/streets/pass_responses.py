@@ -35,14 +35,15 @@ class Thresholds:
 
 def count_responses(context: LineContext, tile: Tile) -> Facts:
     """Tile function: histogram of the line responses of the core."""
-    _, mask, image = read_streets(context, tile)
+    streets = read_streets(context, tile)
+    mask = streets.mask
     xp = namespace(mask)
     wanted = xp.zeros(mask.shape, xp.bool_)
     inner = tile.core_in_padded.slices
     wanted[inner] = mask[inner]
     if not wanted.any():
         return {"responses": np.zeros(RESPONSE_EDGES.size - 1, np.int64)}
-    points = line_points(image, context.sigma, low=context.low, mask=wanted)
+    points = line_points(streets.image, context.sigma, low=context.low, mask=wanted)
     return {"responses": np.histogram(to_host(points.response), RESPONSE_EDGES)[0].astype(np.int64)}
 
 

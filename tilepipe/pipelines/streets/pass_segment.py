@@ -84,7 +84,7 @@ def ground_reach(parameters: StreetParameters, resolution: float) -> int:
 
 
 def segment(context: SegmentContext, tile: Tile) -> Facts:
-    """Tile function: diffuse, grow regions, keep the grey values of regions; facts are the region table and edges."""
+    """Tile function: diffuse, grow regions, keep both; facts are the region table and edges."""
     values = to_backend(context.raster.read(tile.padded), context.backend)
     missing = namespace(values).isnan(values[tile.core_in_padded.slices])
     grey = context.scale.apply(values)
@@ -96,7 +96,7 @@ def segment(context: SegmentContext, tile: Tile) -> Facts:
     labels = growing.grow_regions(centres, context.parameters.tolerance, maximum=context.scale.threshold)
     kept, table = _kept_regions(context, tile, labels, centres)
     labels = region_table.select_labels(labels, kept)
-    packed = grey_levels.store(smooth, _expand(labels > 0, context.rectangle, smooth.shape), missing)
+    packed = grey_levels.store(smooth, missing)
     facts = write_state({"labels": context.labels, "grey": context.grey}, tile, {"labels": labels, "grey": packed})
     return facts | table | border_facts("label", labels) | border_facts("grey", centres)
 
@@ -114,7 +114,7 @@ SEGMENT = Pass(
     segment,
     halo=halo,
     bytes_per_pixel=60,
-    writes={"labels": State("uint32", per_cell=True), "grey": State("uint16", grey_levels.NO_REGION)},
+    writes={"labels": State("uint32", per_cell=True), "grey": State("uint16", grey_levels.NO_GREY)},
     gathers=(Gathered("regions", "first", bytes_per_row=250, most=most_regions),),
     fewer="drop more of the regions (minimum_size)",
 )
@@ -186,12 +186,3 @@ def minimum_rectangles(parameters: StreetParameters, resolution: float) -> int:
     """Smallest number of rectangles of a region."""
     rectangle = parameters.rectangle_rows * parameters.rectangle_columns * resolution**2
     return max(1, math.ceil(parameters.minimum_size / rectangle - 1e-9))
-
-
-def _expand(mask: NDArray[np.bool_], rectangle: tuple[int, int], shape: tuple[int, ...]) -> NDArray[np.bool_]:
-    """A mask of rectangles as a mask of pixels."""
-    if rectangle == (1, 1):
-        return mask
-    xp = namespace(mask)
-    expanded: NDArray[np.bool_] = xp.repeat(xp.repeat(mask, rectangle[0], axis=0), rectangle[1], axis=1)
-    return expanded[: shape[0], : shape[1]]

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from tilepipe_kernels.image.borders import with_borders
+from tilepipe_kernels.image.grey_levels import store
 from tilepipe_kernels.network.build import build_network, iterate_lines
 from tilepipe_kernels.network.cleaning import Cleaning, raster_border
 from tilepipe_kernels.network.fragment_table import summarise
@@ -35,6 +37,8 @@ def warm_up() -> None:
     fragments = trace(links, core=(0, _SIDE, 0, _SIDE), origin=(0, 0), width=_SIDE)
     axis, _ = medial_axis_and_distance(street, cap=20, separation=8.0, origin=(0, 0))
     skeleton_links(axis)
+    packed = store(grey, np.zeros(street.shape, np.bool_))
+    with_borders(street, grey, street.astype(np.uint32), packed, dark=40.0, bright=160.0, reach=4, noise=5.0)
     line_widths(grey, points, 5.0, maximum_width=40.0)
     attributes = {name: np.ones(fragments.pixels.size, np.float32) for name in _ATTRIBUTES}
     table = summarise(fragments, _SIDE, attributes["response"])

@@ -29,9 +29,9 @@ def _to_levels(count: int, values: Any, starts: Any, slopes: Any, levels: Any) -
 
 
 @grid
-def _store(count: int, grey: Any, in_region: Any, missing: Any, packed: Any) -> None:
+def _store(count: int, grey: Any, missing: Any, packed: Any) -> None:
     for p in range(cuda.grid(1), count, cuda.gridsize(1)):
-        packed[p] = stored(grey[p], in_region[p], missing[p])
+        packed[p] = stored(grey[p], missing[p])
 
 
 @grid
@@ -59,11 +59,11 @@ def to_levels(grey: Any, starts: Any, slopes: Any) -> Any:
     return levels
 
 
-def store(grey: Any, in_region: Any, missing: Any) -> Any:
+def store(grey: Any, missing: Any) -> Any:
     """See `grey_levels.store`."""
-    xp = namespace(grey, in_region, missing)
+    xp = namespace(grey, missing)
     packed = xp.empty(grey.shape, xp.uint16)
-    flat = (xp.ascontiguousarray(each).reshape(-1) for each in (grey, in_region, missing))
+    flat = (xp.ascontiguousarray(each).reshape(-1) for each in (grey, missing))
     _store(grey.size, *flat, packed.reshape(-1))
     return packed
 
