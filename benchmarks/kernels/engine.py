@@ -67,6 +67,7 @@ def engine_case(scene: Scene, size: int, scratch: Path) -> Case:
 
 def _run_pass(source: StateArray, folder: Path, workers: int) -> Any:
     shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
     target = StateArray(folder / "target.zarr", source.grid, "float32")
     pass_ = BoundPass("copy", _copy, _Copy(source, target), source.grid, 0, {"target": target})
     with open_executor("threads", workers) as executor:

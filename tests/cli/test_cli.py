@@ -102,7 +102,7 @@ def test_pipelines_share_their_options():
         [item.name for item in group.get_command(typer.Context(group), name).params] for name in ("streets", "objects")
     )
     assert list(shared)[:3] == ["rasters", "out", "tile"]
-    assert own == ["rasters", "out", "height", *shared[2:]]
+    assert own == ["rasters", "out", "height", "height_band", *shared[2:]]
 
 
 def test_unknown_options_and_commands_exit_with_2(tell):

@@ -29,8 +29,9 @@ def program(out: Path, *arguments: object, before: str = "pass") -> subprocess.P
         part for name, value in (SMALL | {"diffusion_steps": 600}).items() for part in ("--set", f"{name}={value}")
     ]
     command = ["streets", scene, "--out", out, "--tile", 9, "--workers", 2, *settings, "--quiet", *arguments]
-    # whoever runs the tests in the background has told their processes to ignore interruptions
+    # whoever runs the tests in the background, or under nohup, has told their processes to ignore interruptions
     default = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
+    default += "; signal.signal(signal.SIGHUP, signal.SIG_DFL)"
     start = f"{default}; {before}; import sys; sys.argv[0] = 'tilepipe'; from tilepipe.cli import main; main()"
     process = subprocess.Popen(
         [sys.executable, "-c", start, *map(str, command)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True

@@ -86,7 +86,7 @@ class Points:
             raise Killed
         if self.fault.kind == "interrupt":
             raise KeyboardInterrupt
-        if self.fault.kind == "memory":
+        if self.fault.kind == "memory" or kind == "allocation":
             raise MemoryError
         if kind == "task":
             raise RuntimeError("the worker is lost")
