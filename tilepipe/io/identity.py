@@ -16,15 +16,13 @@ from xml.etree import ElementTree
 from tilepipe.errors import InputError
 from tilepipe.io.paths import file_of, is_remote
 from tilepipe.io.remote import remote_state
+from tilepipe.io.side_file import SIDE
 from tilepipe.tiling.grid import Window
 
 _SAMPLES, _SAMPLE = 8, 8 << 10
 """Pieces of a file that are read, evenly spaced from its first byte to its last, and their length in bytes."""
 
 _SECOND = 1_000_000_000
-
-PAM = ".aux.xml"
-"""What the name of the file ends with in which GDAL keeps what a raster's own format cannot hold."""
 
 _seen: dict[str, tuple[tuple[int, ...], FileState]] = {}
 """What this process found each file to be, and by which entry of the file system."""
@@ -104,7 +102,7 @@ def file_state(name: str) -> FileState:
     path = file_of(name)
     if path is None:
         return UNKNOWN
-    if path.endswith(PAM):
+    if path.endswith(SIDE):
         digest = _pam_digest(path)
         return FileState(0, 0, digest) if digest else EMPTY
     try:
@@ -273,7 +271,7 @@ def files_of(name: str, names: list[tuple[str, Window | None]]) -> Files:
     """
     found: dict[tuple[str, Window | None], FileState] = {}
     for each, part in names:
-        beside = [f"{each}.msk", f"{each}{PAM}"] if file_of(each) == each else []
+        beside = [f"{each}.msk", f"{each}{SIDE}"] if file_of(each) == each else []
         for file in (each, *beside):
             found.setdefault((file, part), file_state(file))
     return Files(name, tuple((file, state, part) for (file, part), state in found.items()))

@@ -23,8 +23,9 @@ from tilepipe.io.crs import crs_of_dataset
 from tilepipe.io.file_bands import bands_of, read_bands
 from tilepipe.io.gdal_options import input_options
 from tilepipe.io.georeference import Geometry, check_geometry
-from tilepipe.io.identity import PAM, Files, digest_of, file_state, files_of
+from tilepipe.io.identity import Files, digest_of, file_state, files_of
 from tilepipe.io.paths import absolute_name, file_of, gdal_name, is_local, is_of_driver, is_remote, location, one_line
+from tilepipe.io.side_file import SIDE
 from tilepipe.io.tiff_blocks import end_of_pixels
 from tilepipe.io.vrt import Behind, files_behind, vrt_text
 from tilepipe.tiling.grid import Window
@@ -229,7 +230,7 @@ def _file_source(name: str, *, crs: str | None, choice: Choice) -> FileSource:
             _check_whole(path, name, dataset)
             if text is None and dataset.driver == "VRT":
                 behind = files_behind(path, dataset.tags(ns="xml:VRT")["xml:VRT"])
-            beside = [file for file in dataset.files if not file.endswith((PAM, ".ovr"))]
+            beside = [file for file in dataset.files if not file.endswith((SIDE, ".ovr"))]
     except RasterioError as error:
         raise InputError(f"{name}: {_unopened(path, error)}") from error
     known = {path, *(item.name for item in behind)}
