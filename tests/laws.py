@@ -12,7 +12,7 @@ import pytest
 from tilepipe.engine.options import RunOptions
 from tilepipe.engine.tiles import passes
 from tilepipe.errors import TileError
-from tilepipe.io.record import RECORD, STATE, TIMINGS
+from tilepipe.io.files.record import RECORD, STATE, TIMINGS
 from tilepipe.tiling.grid import Tile
 
 Run = Callable[[Path, RunOptions], object]

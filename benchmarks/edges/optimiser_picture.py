@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.edges.optimisers import ICM, PARALLEL, Solved
-from tilepipe.io.atomic import atomic_write
+from tilepipe.io.files.atomic import atomic_write
 from tilepipe.report.map import INK
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from benchmarks.kernels.scene import Band, Scene, over_bands
 from benchmarks.measure.contest import Call, Case, Contestant
-from tilepipe.io.geometries import region_polygons
+from tilepipe.io.vectors.geometries import region_polygons
 from tilepipe.pipelines.objects.pass_leaves import to_ticks
 from tilepipe.synthetic import City, render
 from tilepipe_kernels.car_model.model import CarModel

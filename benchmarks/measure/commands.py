@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 
 from benchmarks.measure.tables import Table
 from benchmarks.measure.watch import Watched, watch
-from tilepipe.io.record import TIMINGS
+from tilepipe.io.files.record import TIMINGS
 
 LONG = 120.0
 """Seconds; a run that takes longer is not repeated."""

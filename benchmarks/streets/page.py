@@ -14,7 +14,7 @@ from benchmarks.measure.machine import describe_machine, load_average
 from benchmarks.measure.tables import RESULTS, Table, number, save
 from benchmarks.measure.watch import time_to_first_file, watch
 from tilepipe.evaluate.lines import LineScore, evaluate
-from tilepipe.io.record import STATE
+from tilepipe.io.files.record import STATE
 from tilepipe.synthetic import City, write_city
 
 SIZE, QUICK_SIZE = 4096, 1024

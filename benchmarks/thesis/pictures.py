@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from benchmarks.thesis.results import CORNER, Results
 from benchmarks.thesis.runs import RUNS, Classical, Field, Form
 from benchmarks.thesis.scenes import Points, Scene
-from tilepipe.io.atomic import atomic_write
+from tilepipe.io.files.atomic import atomic_write
 from tilepipe.report.map import INK
 
 if TYPE_CHECKING:

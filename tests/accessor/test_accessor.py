@@ -18,7 +18,7 @@ from scipy import ndimage
 import tilepipe.accessor  # noqa: F401
 from tests.scenes import band, draw, ring, write_raster
 from tilepipe.errors import InputError
-from tilepipe.io.raster import as_dataarray, open_raster
+from tilepipe.io.rasters.raster import as_dataarray, open_raster
 from tilepipe.tiling.grid import Window
 from tilepipe_kernels.heights import ground
 from tilepipe_kernels.image import diffusion, grey_levels, morphology

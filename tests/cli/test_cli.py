@@ -22,7 +22,7 @@ from tilepipe import cli, plan_objects
 from tilepipe.cli.pipelines import assignments
 from tilepipe.engine.options import RunOptions, format_memory, parse_memory
 from tilepipe.errors import InputError
-from tilepipe.io.record import STATE
+from tilepipe.io.files.record import STATE
 
 SHAPE = (90, 110)
 VALUES = draw(SHAPE, band(SHAPE, (-5, 40), (95, 70), 7) | band(SHAPE, (60, -5), (30, 115), 6))

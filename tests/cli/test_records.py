@@ -26,7 +26,7 @@ from tilepipe.engine.options import RunOptions
 from tilepipe.engine.request import checked_request
 from tilepipe.engine.run_folder import Uses, check_folder
 from tilepipe.errors import InputError
-from tilepipe.io.record import RECORD, STATE, as_toml, read_record
+from tilepipe.io.files.record import RECORD, STATE, as_toml, read_record
 from tilepipe.pipelines import registry
 from tilepipe.report.finished_run import open_folder
 

@@ -14,7 +14,7 @@ import pytest
 
 from tests.scenes import SMALL, band, draw, write_raster
 from tilepipe.cli.signals import interruptible
-from tilepipe.io.record import STATE
+from tilepipe.io.files.record import STATE
 
 pytestmark = pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="signals of POSIX")
 

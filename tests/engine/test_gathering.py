@@ -21,8 +21,8 @@ from tilepipe.engine.run_folder import status
 from tilepipe.engine.tiles.ledger import Ledger
 from tilepipe.engine.work import run_pipeline
 from tilepipe.errors import MemoryLimitError
-from tilepipe.io.geometries import region_polygons
-from tilepipe.io.record import STATE
+from tilepipe.io.files.record import STATE
+from tilepipe.io.vectors.geometries import region_polygons
 from tilepipe.pipelines import registry
 from tilepipe.pipelines.objects import tables
 from tilepipe_kernels.polylines.join import Arcs

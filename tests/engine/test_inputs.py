@@ -15,7 +15,7 @@ from tilepipe.cli import app
 from tilepipe.engine.options import RunOptions
 from tilepipe.engine.request import checked_request
 from tilepipe.errors import InputError
-from tilepipe.io.record import read_record
+from tilepipe.io.files.record import read_record
 from tilepipe.pipelines.streets.pipeline import PIPELINE
 from tilepipe.tiling.grid import Window
 

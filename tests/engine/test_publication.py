@@ -9,8 +9,8 @@ from tilepipe.engine.options import RunOptions
 from tilepipe.engine.progress import Silent
 from tilepipe.engine.run import open_run
 from tilepipe.engine.run_folder import FILES, IDENTITY, Uses, write_log
-from tilepipe.io.manifest import write_manifest
-from tilepipe.io.record import PICTURES, RECORD, STATE, TIMINGS
+from tilepipe.io.files.manifest import write_manifest
+from tilepipe.io.files.record import PICTURES, RECORD, STATE, TIMINGS
 
 LAYERS = ("map.tif", "lines.parquet")
 

@@ -25,7 +25,7 @@ from tilepipe.engine.tiles.ledger import Ledger
 from tilepipe.engine.tiles.passes import BoundPass, run_pass
 from tilepipe.engine.tiles.state import StateArray, write_state
 from tilepipe.errors import InputError, TileError
-from tilepipe.io.record import RECORD, STATE, TIMINGS, read_record
+from tilepipe.io.files.record import RECORD, STATE, TIMINGS, read_record
 from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import Tile, TileGrid
 

@@ -21,7 +21,7 @@ from tilepipe.engine.pipeline import Pass, Pipeline, State
 from tilepipe.engine.tiles.state import write_state
 from tilepipe.engine.work import Work, run_pipeline
 from tilepipe.errors import InputError
-from tilepipe.io.identity import ChangedInputError
+from tilepipe.io.files.identity import ChangedInputError
 from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import Tile
 
@@ -199,9 +199,9 @@ def test_an_array_that_is_changed_meanwhile(tmp_path):
 
 
 def test_what_lies_elsewhere_is_in_the_plan_and_in_the_record(tmp_path):
-    from tests.io.test_vrt import RAW, vrt
+    from tests.io.rasters.test_vrt import RAW, vrt
     from tilepipe.engine.request import checked_request
-    from tilepipe.io.record import read_record
+    from tilepipe.io.files.record import read_record
 
     (tmp_path / "secret").write_bytes(bytes(range(63)))
     path = vrt(tmp_path / "raw.vrt", RAW.format("secret"))

@@ -11,7 +11,7 @@ from tilepipe.engine import publication
 from tilepipe.engine.options import RunOptions
 from tilepipe.engine.run_folder import is_finished, is_unfinished
 from tilepipe.engine.work import run_pipeline
-from tilepipe.io.record import STATE
+from tilepipe.io.files.record import STATE
 
 
 @pytest.mark.parametrize("step", ["write_log", "remove_state"])

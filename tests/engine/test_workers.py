@@ -15,7 +15,7 @@ from tilepipe.engine import options as options_module
 from tilepipe.engine.options import parse_memory
 from tilepipe.engine.planning import Plan
 from tilepipe.errors import MemoryLimitError
-from tilepipe.io.record import RECORD
+from tilepipe.io.files.record import RECORD
 from tilepipe.pipelines.objects.pipeline import plan_objects
 
 SIDE, TILE, CORES = 192, 64, 12

@@ -24,7 +24,7 @@ from tilepipe.evaluate.extent import data_extent
 from tilepipe.evaluate.lines import evaluate
 from tilepipe.evaluate.polygons import evaluate_areas
 from tilepipe.evaluate.street_borders import width_errors
-from tilepipe.io.formats import write_table
+from tilepipe.io.vectors.formats import write_table
 
 CRS = "EPSG:32633"
 X, Y = 5e5, 4e6

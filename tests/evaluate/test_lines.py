@@ -16,7 +16,7 @@ from shapely import LineString, MultiLineString, Point, Polygon
 from tests.naive.evaluate.lines import sampled_match
 from tilepipe.errors import InputError
 from tilepipe.evaluate.lines import evaluate, evaluate_lines
-from tilepipe.io.formats import write_table
+from tilepipe.io.vectors.formats import write_table
 
 coordinate = st.integers(0, 40).map(float)
 polyline = (

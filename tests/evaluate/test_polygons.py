@@ -17,8 +17,8 @@ from typer.testing import CliRunner
 from tilepipe import cli
 from tilepipe.errors import InputError
 from tilepipe.evaluate.polygons import AreaScore, evaluate_areas, evaluate_polygons
-from tilepipe.io.formats import write_table
-from tilepipe.io.tables import are_polygons, read_layer
+from tilepipe.io.vectors.formats import write_table
+from tilepipe.io.vectors.tables import are_polygons, read_layer
 
 side = st.integers(1, 12)
 place = st.integers(0, 30)

@@ -20,7 +20,7 @@ from tests.faults.tiles import SimulatedExecutor, Task
 from tests.laws import layer_bytes
 from tilepipe.engine import run as engine_run
 from tilepipe.errors import InputError, TileError
-from tilepipe.io.record import RECORD, STATE
+from tilepipe.io.files.record import RECORD, STATE
 
 CALM = Fault(-1, "kill")
 """No fault at all."""

@@ -22,7 +22,7 @@ from tests.laws import layer_bytes
 from tests.scenes import write_raster
 from tilepipe.engine.run_lock import LOCK
 from tilepipe.errors import InputError
-from tilepipe.io.record import RECORD, STATE, read_record
+from tilepipe.io.files.record import RECORD, STATE, read_record
 
 NAME = "bright_spots"
 OTHER_THRESHOLD = scenes.SCENES[NAME][1]["threshold"]

@@ -12,8 +12,8 @@ from pyproj import CRS
 
 from tests.fuzz.mutations import mutated_bytes, mutated_field
 from tests.fuzz.reader import Reader
-from tilepipe.io.cloud_points import IDENTITY, PointFilter, identities, raw_coordinates, read_points, ticks
-from tilepipe.io.clouds import read_cloud
+from tilepipe.io.clouds.cloud import read_cloud
+from tilepipe.io.clouds.points import IDENTITY, PointFilter, identities, raw_coordinates, read_points, ticks
 
 _POINTS = 40
 _AT_ONCE = 1000

@@ -15,7 +15,7 @@ from rasterio.transform import from_origin
 
 from tests.fuzz.mutations import mutated_bytes, mutated_field, mutated_json, mutated_text
 from tests.fuzz.reader import Reader
-from tilepipe.io.raster import open_raster
+from tilepipe.io.rasters.raster import open_raster
 from tilepipe.tiling.grid import Window
 
 _SIZE = 16

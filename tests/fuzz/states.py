@@ -17,8 +17,8 @@ from tilepipe.engine.run_folder import FILES, IDENTITY, is_finished, known_files
 from tilepipe.engine.tiles.facts_file import count_rows, pack, read_facts
 from tilepipe.engine.tiles.state import StateArray
 from tilepipe.errors import InputError
-from tilepipe.io.manifest import Written, read_manifest, write_manifest
-from tilepipe.io.record import PICTURES, RECORD, STATE, as_toml, read_record
+from tilepipe.io.files.manifest import Written, read_manifest, write_manifest
+from tilepipe.io.files.record import PICTURES, RECORD, STATE, as_toml, read_record
 from tilepipe.report.finished_run import open_folder
 from tilepipe.tiling.grid import TileGrid, Window
 

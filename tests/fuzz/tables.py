@@ -12,8 +12,8 @@ import shapely
 
 from tests.fuzz.mutations import mutated_bytes, mutated_json, mutated_text
 from tests.fuzz.reader import Reader
-from tilepipe.io.formats import write_table
-from tilepipe.io.tables import read_layer
+from tilepipe.io.vectors.formats import write_table
+from tilepipe.io.vectors.tables import read_layer
 
 _LINES = np.array([shapely.LineString([(392000, 5820000), (392009, 5820005)]), shapely.LineString([(0, 0), (1, 1)])])
 _COLUMNS = {"width": np.array([12.0, 3.5]), "kind": np.array([1, 2])}

@@ -12,9 +12,9 @@ from matplotlib.colors import to_rgb
 from PIL import Image
 from rasterio.transform import from_origin
 
-from tilepipe.io.cog import cog_from_tiled
-from tilepipe.io.formats import write_table
-from tilepipe.io.gdal_tables import SUFFIX
+from tilepipe.io.rasters.cog import cog_from_tiled
+from tilepipe.io.vectors.formats import write_table
+from tilepipe.io.vectors.gdal_tables import SUFFIX
 
 CRS = "EPSG:2994"
 LEFT, TOP, PIXEL = 6e5, 8e5, 2.0

@@ -11,8 +11,8 @@ import xarray as xr
 from numpy.typing import DTypeLike, NDArray
 
 from tilepipe.errors import InputError
-from tilepipe.io.arrays import ARRAY, check_chunks, rows_first
-from tilepipe.io.packing import Packing, packing_of
+from tilepipe.io.rasters.packing import Packing, packing_of
+from tilepipe.io.rasters.sources.arrays import ARRAY, check_chunks, rows_first
 from tilepipe.tiling.grid import Tile, TileGrid, Window
 
 BlockFunction = Callable[[NDArray[Any], Tile], NDArray[Any]]

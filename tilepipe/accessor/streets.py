@@ -10,8 +10,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from tilepipe.accessor.blocks import BlockOperators, even_grid, meant
-from tilepipe.io.arrays import ARRAY
-from tilepipe.io.packing import Packing, packing_of
+from tilepipe.io.rasters.packing import Packing, packing_of
+from tilepipe.io.rasters.sources.arrays import ARRAY
 from tilepipe.pipelines.streets.reconcile_regions import SUMMED, Regions, reconcile_regions
 from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import Tile, TileGrid

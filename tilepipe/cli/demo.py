@@ -13,7 +13,7 @@ import numpy as np
 
 from tilepipe.engine.options import RunOptions
 from tilepipe.engine.progress import Progress, Silent
-from tilepipe.io.paths import local_output
+from tilepipe.io.files.paths import local_output
 
 BUFFER = 3.0
 """Buffer of the demo's score in metres."""

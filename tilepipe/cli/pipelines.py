@@ -30,7 +30,7 @@ from tilepipe.cli.options import (
 from tilepipe.cli.records import run_record
 from tilepipe.engine.inputs import Input
 from tilepipe.errors import InputError
-from tilepipe.io.record import parsed_toml
+from tilepipe.io.files.record import parsed_toml
 from tilepipe.pipelines import registry
 
 

@@ -28,7 +28,7 @@ def run_record(record: dict[str, Any], *, overwrite: bool, quiet: bool, plan_onl
     from tilepipe.cli.bars import progress_bars
     from tilepipe.engine.request import plan_pipeline
     from tilepipe.engine.work import run_pipeline
-    from tilepipe.io.record import check_record
+    from tilepipe.io.files.record import check_record
 
     check_record(record, "the record")
     pipeline = registry.pipeline(record["command"])
@@ -85,7 +85,7 @@ def load_record(path: Path, out: Path | None) -> dict[str, Any]:
     InputError
         The file is no record.
     """
-    from tilepipe.io.record import KNOWN, read_record
+    from tilepipe.io.files.record import KNOWN, read_record
 
     record = read_record(path)
     if unknown := sorted(set(record) - set(KNOWN)):
@@ -119,7 +119,7 @@ def plan(record: Annotated[Path, typer.Argument(help="run.toml of a run, or one 
 def status(folder: Annotated[Path, typer.Argument(help="Folder of a run.")]) -> None:
     """Say what a run folder holds and how far an unfinished run is."""
     from tilepipe.engine.run_folder import status
-    from tilepipe.io.record import RECORD, STATE
+    from tilepipe.io.files.record import RECORD, STATE
 
     found = status(folder)
     print(f"{folder}: {found['state']}")

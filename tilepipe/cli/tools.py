@@ -11,10 +11,10 @@ import typer
 
 from tilepipe.cli.options import Crs, Memory, Quiet, Seed, Workers
 from tilepipe.errors import InputError
-from tilepipe.io.paths import local_output
+from tilepipe.io.files.paths import local_output
 
 if TYPE_CHECKING:
-    from tilepipe.io.tables import VectorLayer
+    from tilepipe.io.vectors.tables import VectorLayer
 
 _Kind = Literal["lines", "polygons", "edges"]
 
@@ -137,7 +137,7 @@ def evaluate(
     from tilepipe.evaluate.lines import LineScore, evaluate
     from tilepipe.evaluate.polygons import AreaScore, evaluate_areas
     from tilepipe.evaluate.results import read_result
-    from tilepipe.io.tables import are_polygons, read_layer
+    from tilepipe.io.vectors.tables import are_polygons, read_layer
 
     extracted, true = layers = read_result(result, result_layer), read_layer(truth, "truth", layer)
     if area is None and area_layer is not None:
@@ -171,7 +171,7 @@ def evaluate(
 def _kind(result: VectorLayer, truth: VectorLayer, *, as_edges: bool) -> _Kind:
     """What a result is scored as; an empty one as what the truth holds."""
     from tilepipe.evaluate.edges import is_edges
-    from tilepipe.io.tables import POLYGONS
+    from tilepipe.io.vectors.tables import POLYGONS
 
     if is_edges(result):
         return "edges"

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from tilepipe.io.gdal_tables import SUFFIX
-from tilepipe.io.side_file import SIDE
+from tilepipe.io.files.paths import SIDE
+from tilepipe.io.vectors.gdal_tables import SUFFIX
 
 GeometryType = Literal["LineString", "MultiLineString", "Polygon", "MultiPolygon", "Point", "MultiPoint"]
 

@@ -20,9 +20,9 @@ from typing import Any
 
 from tilepipe.engine.run_folder import known_files, remove_state, write_log
 from tilepipe.engine.run_lock import RunLock
-from tilepipe.io.atomic import atomic_write_bytes, flush_folder, flush_to_disk
-from tilepipe.io.manifest import Written, as_table, refuse_foreign
-from tilepipe.io.record import PICTURES, RECORD, TIMINGS, as_toml
+from tilepipe.io.files.durable import atomic_write_bytes, flush_folder, flush_to_disk
+from tilepipe.io.files.manifest import Written, as_table, refuse_foreign
+from tilepipe.io.files.record import PICTURES, RECORD, TIMINGS, as_toml
 
 
 def publish(

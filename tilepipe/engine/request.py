@@ -23,12 +23,12 @@ from tilepipe.engine.planning import Plan, plan_run
 from tilepipe.engine.run_folder import Record, Uses
 from tilepipe.engine.unchanged import INPUT_FILES
 from tilepipe.errors import InputError
-from tilepipe.io.bands import Choice
-from tilepipe.io.gdal_tables import check_format
-from tilepipe.io.paths import absolute_name
-from tilepipe.io.raster import Raster, check_aligned, open_bands, open_raster
-from tilepipe.io.side_file import check_raster_crs
-from tilepipe.io.sources import Source
+from tilepipe.io.files.paths import absolute_name
+from tilepipe.io.rasters.bands import Choice
+from tilepipe.io.rasters.raster import Raster, check_aligned, open_bands, open_raster
+from tilepipe.io.rasters.raster_crs import check_raster_crs
+from tilepipe.io.rasters.sources.source import Source
+from tilepipe.io.vectors.gdal_tables import check_format
 from tilepipe.tiling.grid import TileGrid, Window
 from tilepipe_kernels.core.arrays import Backend
 

@@ -23,9 +23,9 @@ from tilepipe.engine.tiles.executors import Executor, open_executor
 from tilepipe.engine.tiles.ledger import Ledger
 from tilepipe.engine.tiles.passes import BoundPass, run_pass
 from tilepipe.errors import InputError, MemoryLimitError, OutputError
-from tilepipe.io.identity import ChangedInputError
-from tilepipe.io.record import STATE
-from tilepipe.io.sources import Source
+from tilepipe.io.files.identity import ChangedInputError
+from tilepipe.io.files.record import STATE
+from tilepipe.io.rasters.sources.source import Source
 from tilepipe_kernels.core.cache import listening
 
 _GDAL_CACHE = 64

@@ -31,10 +31,11 @@ from typing import Any
 from tilepipe.engine.run_lock import LOCK, OWNER, held, is_marked
 from tilepipe.engine.unchanged import INPUT_FILES, changed_input
 from tilepipe.errors import InputError
-from tilepipe.io.atomic import atomic_write_bytes, flush_folder, is_aside
-from tilepipe.io.manifest import Written, from_table, read_manifest, refuse_foreign
-from tilepipe.io.record import PICTURES, RECORD, STATE, TIMINGS, as_toml, check_record, read_record, read_toml
-from tilepipe.io.sources import Source
+from tilepipe.io.files.atomic import is_aside
+from tilepipe.io.files.durable import atomic_write_bytes, flush_folder
+from tilepipe.io.files.manifest import Written, from_table, read_manifest, refuse_foreign
+from tilepipe.io.files.record import PICTURES, RECORD, STATE, TIMINGS, as_toml, check_record, read_record, read_toml
+from tilepipe.io.rasters.sources.source import Source
 
 IDENTITY = "identity.toml"
 FILES = "files.toml"

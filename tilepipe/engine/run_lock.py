@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from tilepipe.errors import InputError, OutputError
-from tilepipe.io.atomic import flush_folder
+from tilepipe.io.files.durable import flush_folder
 
 LOCK = "lock"
 OWNER = "owner"

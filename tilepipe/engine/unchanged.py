@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from tilepipe.engine.tiles.ledger import Ledger
 from tilepipe.engine.tiles.passes import READS
-from tilepipe.io.reads import is_unchanged
-from tilepipe.io.sources import Source
+from tilepipe.io.rasters.reads import is_unchanged
+from tilepipe.io.rasters.sources.source import Source
 
 INPUT_FILES = "files"
 """Entry of a run's identity that holds size, time, digest and name of each file behind its inputs."""

@@ -24,12 +24,11 @@ from tilepipe.engine.tiles.passes import BoundPass
 from tilepipe.engine.tiles.state import StateArray
 from tilepipe.engine.warm_up import compiled_beside
 from tilepipe.errors import InputError
-from tilepipe.io.cog import write_cog
-from tilepipe.io.formats import convert
-from tilepipe.io.georeference import Geometry
-from tilepipe.io.paths import local_output
-from tilepipe.io.raster import Raster
-from tilepipe.io.side_file import side_file
+from tilepipe.io.files.paths import local_output, side_file
+from tilepipe.io.rasters.cog import write_cog
+from tilepipe.io.rasters.georeference import Geometry
+from tilepipe.io.rasters.raster import Raster
+from tilepipe.io.vectors.formats import convert
 from tilepipe.tiling.grid import TileGrid, Window
 from tilepipe_kernels.core.arrays import Backend, why_no_device
 from tilepipe_kernels.core.device_memory import device_memory

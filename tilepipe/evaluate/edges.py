@@ -26,7 +26,7 @@ from tilepipe.evaluate.extent import area_in_metres, scored_area
 from tilepipe.evaluate.lines import defined_values, evaluate_lines, percent
 from tilepipe.evaluate.results import read_result
 from tilepipe.evaluate.street_borders import StreetBorderScore, metres, share_row, street_border_score, street_rows
-from tilepipe.io.tables import LINES, POLYGONS, VectorLayer, in_metres, read_layer
+from tilepipe.io.vectors.tables import LINES, POLYGONS, VectorLayer, in_metres, read_layer
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
@@ -243,7 +243,7 @@ def evaluate_edges(
     --------
     >>> import shapely
     >>> from tilepipe.evaluate.edges import evaluate_edges
-    >>> from tilepipe.io.formats import write_table
+    >>> from tilepipe.io.vectors.formats import write_table
     >>> truth = write_table("houses.parquet", {}, [shapely.box(0, 0, 10, 10)], "EPSG:32633")
     >>> found = write_table("edges.parquet", {}, shapely.linestrings([[[0, 0.2], [10, 0.2]]]), "EPSG:32633")
     >>> evaluate_edges(found, truth, tolerance=0.5).precision

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tilepipe.evaluate.results import extent_raster
-from tilepipe.io.crs import crs_of_dataset
-from tilepipe.io.file_bands import read_bands
-from tilepipe.io.record import RECORD
-from tilepipe.io.tables import POLYGONS, VectorLayer, in_metres, read_layer
+from tilepipe.io.crs.systems import crs_of_dataset
+from tilepipe.io.files.record import RECORD
+from tilepipe.io.rasters.file_bands import read_bands
+from tilepipe.io.vectors.tables import POLYGONS, VectorLayer, in_metres, read_layer
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
@@ -55,7 +55,7 @@ def area_in_metres(area: VectorLayer, crs: Any, metres: float) -> BaseGeometry:
     >>> import geopandas
     >>> import shapely
     >>> from tilepipe.evaluate.extent import area_in_metres
-    >>> from tilepipe.io.tables import VectorLayer
+    >>> from tilepipe.io.vectors.tables import VectorLayer
     >>> table = geopandas.GeoDataFrame(geometry=[shapely.box(0, 0, 100, 50)], crs="EPSG:2222")
     >>> round(area_in_metres(VectorLayer("district", table), "EPSG:2222", 0.3048).area, 2)  # of 5000 square feet
     464.52

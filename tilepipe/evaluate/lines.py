@@ -20,7 +20,7 @@ from tilepipe.errors import InputError
 from tilepipe.evaluate.extent import area_in_metres, scored_area
 from tilepipe.evaluate.results import read_result
 from tilepipe.evaluate.segment_matching import close_pairs, covered_length, lengths, matched, rms_distance, segments
-from tilepipe.io.tables import LINES, VectorLayer, in_metres, read_layer
+from tilepipe.io.vectors.tables import LINES, VectorLayer, in_metres, read_layer
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
@@ -232,7 +232,7 @@ def evaluate(
     --------
     >>> import shapely
     >>> from tilepipe.evaluate.lines import evaluate
-    >>> from tilepipe.io.formats import write_table
+    >>> from tilepipe.io.vectors.formats import write_table
     >>> lines = shapely.linestrings([[[0, 0], [100, 0]], [[0, 40], [100, 40]]])
     >>> truth = write_table("truth.parquet", {}, lines, "EPSG:32633")
     >>> found = write_table("found.parquet", {}, lines[:1], "EPSG:32633")

@@ -24,8 +24,8 @@ from tilepipe.evaluate.lines import defined_values, percent
 from tilepipe.evaluate.polygon_layers import ROUNDING, coverage, polygon_layer
 from tilepipe.evaluate.results import read_result
 from tilepipe.evaluate.segment_matching import segments
-from tilepipe.io.crs import agreed_crs, split_crs
-from tilepipe.io.tables import POLYGONS, VectorLayer, in_metres, read_layer
+from tilepipe.io.crs.systems import agreed_crs, split_crs
+from tilepipe.io.vectors.tables import POLYGONS, VectorLayer, in_metres, read_layer
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
@@ -260,7 +260,7 @@ def evaluate_areas(
     --------
     >>> import shapely
     >>> from tilepipe.evaluate.polygons import evaluate_areas
-    >>> from tilepipe.io.formats import write_table
+    >>> from tilepipe.io.vectors.formats import write_table
     >>> houses = shapely.box([0, 30, 60], 0, [10, 40, 70], 10)
     >>> truth = write_table("truth.parquet", {}, houses, "EPSG:32633")
     >>> found = write_table("found.parquet", {}, houses[1:], "EPSG:32633")

@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 
 from tilepipe.errors import InputError
-from tilepipe.io.tables import VectorLayer, is_folder, read_layer, run_table
+from tilepipe.io.vectors.tables import VectorLayer, is_folder, read_layer, run_table
 from tilepipe.pipelines import registry
 
 
@@ -18,7 +18,7 @@ def read_result(source: str | os.PathLike[str] | VectorLayer, layer: str | None 
     Raises
     ------
     InputError
-        See `tilepipe.io.tables.read_layer`; a folder holds no such layer.
+        See `tilepipe.io.vectors.tables.read_layer`; a folder holds no such layer.
     """
     if isinstance(source, VectorLayer) or not is_folder(Path(source)):
         return read_layer(source, "result", layer)

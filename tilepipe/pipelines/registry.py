@@ -98,7 +98,7 @@ def pipelines_of(folder: Path) -> list[Pipeline]:
     InputError
         When the record cannot be read, or names a pipeline that is not installed; or when the run is not finished.
     """
-    from tilepipe.io.record import RECORD, STATE, read_record
+    from tilepipe.io.files.record import RECORD, STATE, read_record
 
     command = read_record(folder / RECORD).get("command") if (folder / RECORD).is_file() else None
     if command is None and (folder / STATE).is_dir():

@@ -14,7 +14,7 @@ from matplotlib.colors import to_hex
 from numpy.typing import NDArray
 from skimage.color import label2rgb
 
-from tilepipe.io.gdal_tables import SUFFIX
+from tilepipe.io.vectors.gdal_tables import SUFFIX
 from tilepipe.report.finished_run import FinishedRun, open_folder
 from tilepipe.report.frame import QUICKLOOK, Picture
 from tilepipe.report.map import Map, coloured

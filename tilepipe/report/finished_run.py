@@ -22,14 +22,14 @@ from skimage.color import rgb2gray
 from skimage.exposure import rescale_intensity
 
 from tilepipe.errors import InputError
-from tilepipe.io.atomic import atomic_write
-from tilepipe.io.crs import crs_of_dataset, same_crs
-from tilepipe.io.file_bands import bands_of, read_bands
-from tilepipe.io.gdal_options import input_options
-from tilepipe.io.manifest import Written, read_manifest, refuse_foreign, write_manifest
-from tilepipe.io.paths import is_local
-from tilepipe.io.record import PICTURES, RECORD, read_record
-from tilepipe.io.tables import LINES, POLYGONS, metres_per_unit, read_vectors, run_table
+from tilepipe.io.crs.systems import crs_of_dataset, same_crs
+from tilepipe.io.files.atomic import atomic_write
+from tilepipe.io.files.gdal_options import input_options
+from tilepipe.io.files.manifest import Written, read_manifest, refuse_foreign, write_manifest
+from tilepipe.io.files.paths import is_local
+from tilepipe.io.files.record import PICTURES, RECORD, read_record
+from tilepipe.io.rasters.file_bands import bands_of, read_bands
+from tilepipe.io.vectors.tables import LINES, POLYGONS, metres_per_unit, read_vectors, run_table
 
 if TYPE_CHECKING:
     from geopandas import GeoDataFrame

@@ -28,8 +28,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from tilepipe.errors import InputError
-from tilepipe.io.paths import location
-from tilepipe.io.record import TIMINGS
+from tilepipe.io.files.paths import location
+from tilepipe.io.files.record import TIMINGS
 from tilepipe.report.finished_run import FinishedRun
 from tilepipe.report.map import INK
 from tilepipe.report.vectors import coordinates, longest

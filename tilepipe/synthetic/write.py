@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tilepipe.errors import InputError
-from tilepipe.io.atomic import atomic_write
-from tilepipe.io.manifest import Written, read_manifest, refuse_foreign, write_manifest
-from tilepipe.io.paths import local_output
+from tilepipe.io.files.atomic import atomic_write
+from tilepipe.io.files.manifest import Written, read_manifest, refuse_foreign, write_manifest
+from tilepipe.io.files.paths import local_output
 from tilepipe.synthetic.city import City
 from tilepipe.synthetic.layers import LAYERS, render_layers
 from tilepipe.synthetic.truth import truth_buildings, truth_centerlines

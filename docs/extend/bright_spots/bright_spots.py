@@ -18,8 +18,8 @@ from tilepipe.engine.tiles.ledger import Ledger
 from tilepipe.engine.tiles.relabel import read_relabelled
 from tilepipe.engine.tiles.state import StateArray, write_state
 from tilepipe.engine.work import Work
-from tilepipe.io.geoparquet import ParquetWriter
-from tilepipe.io.raster import Raster
+from tilepipe.io.rasters.raster import Raster
+from tilepipe.io.vectors.geoparquet import ParquetWriter
 from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import Tile, Window
 from tilepipe.tiling.numbering import Numbering

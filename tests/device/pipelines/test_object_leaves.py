@@ -12,7 +12,7 @@ from tests.parameters import object_parameters
 from tests.scenes import write_raster
 from tilepipe.engine.pipeline import Setting
 from tilepipe.engine.tiles.state import StateArray
-from tilepipe.io.raster import open_raster
+from tilepipe.io.rasters.raster import open_raster
 from tilepipe.pipelines.objects.pass_leaves import LeafContext, find_leaves, halo
 from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import TileGrid

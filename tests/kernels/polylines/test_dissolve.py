@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tilepipe.io.geometries import region_polygons
+from tilepipe.io.vectors.geometries import region_polygons
 from tilepipe_kernels.polylines.arcs import trace_arcs
 from tilepipe_kernels.polylines.dissolve import dissolved
 from tilepipe_kernels.polylines.join import join_arcs

@@ -12,7 +12,7 @@ from scipy.ndimage import gaussian_filter
 from scipy.ndimage import label as components
 
 from tests.kernels.polylines.test_arcs import drawing, label_images, tiled_fragments
-from tilepipe.io.geometries import region_polygons
+from tilepipe.io.vectors.geometries import region_polygons
 from tilepipe_kernels.polylines.arcs import trace_arcs
 from tilepipe_kernels.polylines.join import Arcs, join_arcs
 from tilepipe_kernels.polylines.polygons import assemble_polygons

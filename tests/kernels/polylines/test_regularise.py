@@ -11,7 +11,7 @@ from scipy.ndimage import gaussian_filter
 
 from tests.kernels.polylines.test_arcs import label_images, tiled_fragments
 from tests.kernels.polylines.test_polygons import IDENTITY, arcs_of, blobs
-from tilepipe.io.geometries import region_polygons
+from tilepipe.io.vectors.geometries import region_polygons
 from tilepipe_kernels.polylines.join import Arcs, join_arcs
 from tilepipe_kernels.polylines.polygons import assemble_polygons
 from tilepipe_kernels.polylines.regularise.regularise import regularise_arcs

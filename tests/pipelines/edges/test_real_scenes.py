@@ -13,7 +13,7 @@ from rasterio.warp import Resampling, calculate_default_transform, reproject
 
 from tilepipe.errors import InputError
 from tilepipe.evaluate.edges import evaluate_edges
-from tilepipe.io.tables import VectorLayer
+from tilepipe.io.vectors.tables import VectorLayer
 from tilepipe.pipelines.edges.pipeline import edges
 
 UTM = "EPSG:32611"

@@ -12,7 +12,7 @@ from matplotlib.colors import to_rgb
 from PIL import Image
 from rasterio.transform import from_origin
 
-from tilepipe.io.formats import write_table
+from tilepipe.io.vectors.formats import write_table
 from tilepipe.pipelines.objects.pictures import BORDER_COLOURS, pictures
 
 CRS = "EPSG:28992"

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import rasterio
 
-from tests.io.test_clouds import read, write
+from tests.io.clouds.test_cloud import read, write
 from tilepipe.errors import InputError
 from tilepipe.pipelines.points import survey
 from tilepipe.pipelines.points.recipe import grid_clouds

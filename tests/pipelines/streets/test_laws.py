@@ -19,7 +19,7 @@ from tests.laws import Killed, assert_invisible, assert_resumes, layer_bytes, ti
 from tests.scenes import LAYERS, SMALL, band, draw, ring, run_streets, write_raster
 from tilepipe.engine.options import RunOptions
 from tilepipe.errors import InputError
-from tilepipe.io.record import STATE
+from tilepipe.io.files.record import STATE
 from tilepipe.pipelines.streets.pipeline import streets
 
 SHAPE = (90, 110)

@@ -13,7 +13,7 @@ from PIL import Image
 
 from tests.report.fabricated import CRS, LEFT, TOP, make_run, pixels_of
 from tilepipe.errors import InputError
-from tilepipe.io.formats import write_table
+from tilepipe.io.vectors.formats import write_table
 from tilepipe.pipelines.streets.pictures import JUNCTION_COLOUR, LINE_COLOUR, junctions, pictures, region_mask
 from tilepipe.report.finished_run import open_folder
 

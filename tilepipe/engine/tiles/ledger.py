@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tilepipe.engine.tiles.facts_file import count_rows, pack, read_facts
-from tilepipe.io.atomic import atomic_write_bytes
+from tilepipe.io.files.durable import atomic_write_bytes
 from tilepipe.tiling.facts import Facts
 
 _SUFFIX = ".facts"

@@ -19,14 +19,14 @@ from tilepipe.engine.tiles.executors import Executor
 from tilepipe.engine.tiles.ledger import Ledger
 from tilepipe.engine.tiles.state import StateArray, is_whole
 from tilepipe.errors import InputError, TileError, WorkerError
-from tilepipe.io.identity import ChangedInputError
-from tilepipe.io.reads import noted_reads
+from tilepipe.io.files.identity import ChangedInputError
+from tilepipe.io.rasters.reads import noted_reads
 from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import Tile, TileGrid
 from tilepipe_kernels.core.arrays import Backend, to_host
 
 READS = "reads"
-"""Name of the fact that holds what a tile has read of the inputs; see `tilepipe.io.reads`."""
+"""Name of the fact that holds what a tile has read of the inputs; see `tilepipe.io.rasters.reads`."""
 
 _NEWS = 60
 """Longest that a network file system may show a folder as it was, in seconds: ``acdirmax`` of nfs(5)."""

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tilepipe.engine.tiles.facts_file import checksum
-from tilepipe.io.atomic import atomic_write_bytes
+from tilepipe.io.files.durable import atomic_write_bytes
 from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import Tile, TileGrid, Window
 from tilepipe_kernels.core.arrays import to_host

@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from tilepipe.engine.pipeline import Pass, Setting
 from tilepipe.engine.work import Work
 from tilepipe.errors import InputError
-from tilepipe.io.arrays import ARRAY, array_bands, bands_first
-from tilepipe.io.bands import Bands, Choice
-from tilepipe.io.file_bands import bands_of
-from tilepipe.io.gdal_options import input_options
-from tilepipe.io.paths import gdal_name, location
-from tilepipe.io.raster import Raster, open_bands, open_raster
+from tilepipe.io.files.gdal_options import input_options
+from tilepipe.io.files.paths import gdal_name, location
+from tilepipe.io.rasters.bands import Bands, Choice
+from tilepipe.io.rasters.file_bands import bands_of
+from tilepipe.io.rasters.raster import Raster, open_bands, open_raster
+from tilepipe.io.rasters.sources.arrays import ARRAY, array_bands, bands_first
 from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import Tile, Window
 

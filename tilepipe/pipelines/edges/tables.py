@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from tilepipe.engine.tiles.ledger import Ledger
 from tilepipe.engine.work import Work
-from tilepipe.io.geoparquet import ParquetLineWriter
-from tilepipe.io.georeference import Geometry
+from tilepipe.io.rasters.georeference import Geometry
+from tilepipe.io.vectors.geoparquet import ParquetLineWriter
 from tilepipe.pipelines.edges.layers import EDGES, NEVATIA_BABU
 from tilepipe.pipelines.edges.parameters import EdgeParameters
 from tilepipe.pipelines.edges.pass_fields import ELEMENT_COLUMNS, FRAGMENT_COLUMNS

@@ -9,7 +9,7 @@ import numpy as np
 
 from tilepipe.engine.parameters import checked_parameters
 from tilepipe.engine.tiles.ledger import Ledger
-from tilepipe.io.georeference import Geometry
+from tilepipe.io.rasters.georeference import Geometry
 from tilepipe.pipelines.edges.parameters import EdgeParameters
 from tilepipe.pipelines.edges.pass_fields import ELEMENT_COLUMNS, FRAGMENT_COLUMNS
 from tilepipe.pipelines.edges.tables import write_edges, write_nevatia_babu

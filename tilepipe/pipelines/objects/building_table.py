@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe.io.geometries import region_polygons
-from tilepipe.io.geoparquet import ParquetWriter
-from tilepipe.io.georeference import Geometry
+from tilepipe.io.rasters.georeference import Geometry
+from tilepipe.io.vectors.geometries import region_polygons
+from tilepipe.io.vectors.geoparquet import ParquetWriter
 from tilepipe.pipelines.objects.layers import BUILDINGS
 from tilepipe.pipelines.objects.reconcile_buildings import Buildings
 from tilepipe.pipelines.objects.reconcile_leaves import Leaves

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from tilepipe.engine.pipeline import Gathered, Pass, Setting, State
 from tilepipe.engine.tiles.state import StateArray, write_state
 from tilepipe.engine.work import Work
-from tilepipe.io.raster import Raster
+from tilepipe.io.rasters.raster import Raster
 from tilepipe.pipelines.objects.leaf_features import TICKS_PER_METRE, ReliefGauge
 from tilepipe.pipelines.objects.parameters import ObjectParameters
 from tilepipe.tiling.facts import Facts

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from tilepipe.engine.tiles.ledger import Ledger
 from tilepipe.engine.work import Work
-from tilepipe.io.geometries import region_polygons
-from tilepipe.io.geoparquet import ROW_GROUP, ParquetLineWriter, ParquetWriter
-from tilepipe.io.georeference import Geometry
+from tilepipe.io.rasters.georeference import Geometry
+from tilepipe.io.vectors.geometries import region_polygons
+from tilepipe.io.vectors.geoparquet import ROW_GROUP, ParquetLineWriter, ParquetWriter
 from tilepipe.pipelines.objects.building_table import write_buildings
 from tilepipe.pipelines.objects.layers import BOUNDARIES, OBJECTS
 from tilepipe.pipelines.objects.parameters import ObjectParameters

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tilepipe.io.cloud_points import (
+from tilepipe.io.clouds.cloud import Cloud
+from tilepipe.io.clouds.points import (
     IDENTITY,
     VALUES,
     Chunk,
@@ -20,7 +21,6 @@ from tilepipe.io.cloud_points import (
     read_points,
     ticks,
 )
-from tilepipe.io.clouds import Cloud
 from tilepipe.pipelines.points.in_order import in_order
 from tilepipe.pipelines.points.plan import MARK, GridPlan
 from tilepipe_kernels.points.duplicates import counted_once

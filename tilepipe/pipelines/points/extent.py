@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tilepipe.errors import InputError
-from tilepipe.io.clouds import Cloud
+from tilepipe.io.clouds.cloud import Cloud
 from tilepipe.pipelines.points.survey import BLOCK_BITS, Blocks, Index, Survey, merged
 
 _MOST_EMPTY = 100

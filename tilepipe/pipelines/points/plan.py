@@ -14,12 +14,12 @@ from pyproj import CRS
 from rasterio.windows import Window
 
 from tilepipe.errors import InputError
-from tilepipe.io.cloud_crs import common_crs
-from tilepipe.io.cloud_points import Value
-from tilepipe.io.clouds import Cloud, read_cloud
-from tilepipe.io.crs import map_unit
-from tilepipe.io.ground import CLOUDS, ground_metres
-from tilepipe.io.side_file import check_raster_crs
+from tilepipe.io.clouds.cloud import Cloud, read_cloud
+from tilepipe.io.clouds.crs import common_crs
+from tilepipe.io.clouds.points import Value
+from tilepipe.io.crs.ground import CLOUDS, ground_metres
+from tilepipe.io.crs.systems import map_unit
+from tilepipe.io.rasters.raster_crs import check_raster_crs
 from tilepipe.pipelines.points.extent import Extent
 from tilepipe_kernels.points.gridding import BYTES_PER_CELL, BYTES_PER_POINT, METHODS, Method
 from tilepipe_kernels.points.gridding import halo as gridding_halo
@@ -148,7 +148,7 @@ def on_the_ground(job: GridJob, extent: Extent) -> GridJob:
     Raises
     ------
     InputError
-        As for `tilepipe.io.ground.ground_metres`.
+        As for `tilepipe.io.crs.ground.ground_metres`.
     """
     (top, left), (rows, columns) = extent.origin, extent.shape
     bounds = left * job.cell, -(top + rows) * job.cell, (left + columns) * job.cell, -top * job.cell

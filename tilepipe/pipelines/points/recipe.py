@@ -13,10 +13,10 @@ from pyproj import CRS
 from rasterio.errors import RasterioError
 
 from tilepipe.errors import InputError
-from tilepipe.io.atomic import atomic_write, check_replaceable
-from tilepipe.io.cloud_points import PointFilter, Returns, Value
-from tilepipe.io.clouds import find_clouds
-from tilepipe.io.paths import local_output
+from tilepipe.io.clouds.cloud import find_clouds
+from tilepipe.io.clouds.points import PointFilter, Returns, Value
+from tilepipe.io.files.atomic import atomic_write, check_replaceable
+from tilepipe.io.files.paths import local_output
 from tilepipe.pipelines.points.deal import deal_points, grid_tile
 from tilepipe.pipelines.points.extent import Extent, find_extent
 from tilepipe.pipelines.points.in_order import in_order

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tilepipe.errors import InputError
-from tilepipe.io.cloud_points import PLACES, Chunk, PointFilter, raw_coordinates, read_points
-from tilepipe.io.clouds import Cloud
+from tilepipe.io.clouds.cloud import Cloud
+from tilepipe.io.clouds.points import PLACES, Chunk, PointFilter, raw_coordinates, read_points
 from tilepipe.pipelines.points.in_order import in_order
 from tilepipe_kernels.points.point_tiles import SUBCELL_BITS, subcells
 

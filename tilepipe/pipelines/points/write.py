@@ -13,8 +13,8 @@ import rasterio
 from affine import Affine
 from numpy.typing import NDArray
 
-from tilepipe.io.crs import crs_text
-from tilepipe.io.side_file import keep_crs
+from tilepipe.io.crs.systems import crs_text
+from tilepipe.io.rasters.raster_crs import keep_crs
 from tilepipe.pipelines.points.plan import GridPlan
 from tilepipe.pipelines.points.survey import BLOCK_BITS
 

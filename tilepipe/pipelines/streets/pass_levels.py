@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tilepipe.engine.pipeline import Pass
 from tilepipe.errors import InputError
-from tilepipe.io.raster import Raster
+from tilepipe.io.rasters.raster import Raster
 from tilepipe.pipelines.streets.parameters import StreetParameters
 from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import Tile

@@ -12,7 +12,7 @@ from tilepipe.engine.pipeline import Gathered, Pass, Setting, State
 from tilepipe.engine.request import AlignedRaster
 from tilepipe.engine.tiles.state import StateArray, write_state
 from tilepipe.engine.work import Work
-from tilepipe.io.raster import Raster
+from tilepipe.io.rasters.raster import Raster
 from tilepipe.pipelines.streets.parameters import StreetParameters
 from tilepipe.pipelines.streets.pass_levels import GreyScale
 from tilepipe.pipelines.streets.reconcile_regions import SUMMED

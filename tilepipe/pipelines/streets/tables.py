@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from tilepipe.engine.tiles.ledger import Ledger
 from tilepipe.engine.work import Work
-from tilepipe.io.geometries import line_strings
-from tilepipe.io.geoparquet import ParquetLineWriter
-from tilepipe.io.georeference import Geometry
+from tilepipe.io.rasters.georeference import Geometry
+from tilepipe.io.vectors.geometries import line_strings
+from tilepipe.io.vectors.geoparquet import ParquetLineWriter
 from tilepipe.pipelines.streets.layers import CENTERLINES, SKELETON
 from tilepipe.pipelines.streets.parameters import StreetParameters
 from tilepipe.pipelines.streets.pass_lines import AXIS, RIDGE

@@ -1,0 +1,1 @@
+"""Point clouds: found, their headers checked, their points read."""

@@ -1,0 +1,1 @@
+"""Coordinate reference systems, units of length, and lengths on the ground."""

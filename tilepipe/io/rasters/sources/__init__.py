@@ -1,0 +1,1 @@
+"""What stands behind a raster: files, VRTs, Zarr stores, arrays."""
