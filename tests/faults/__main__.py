@@ -12,17 +12,12 @@ from pathlib import Path
 
 from tests.faults.points import FAULTS
 from tests.faults.scenes import SCENES
-from tests.faults.simulator import Outcome, calm, disturb, draw_fault
+from tests.faults.simulator import calm, disturb_seed
 
 PAGE = Path(__file__).resolve().parents[2] / "benchmarks" / "results" / "faults.md"
 
 SHARES = {"bright_spots": 70, "streets": 10, "objects": 10, "edges": 10}
 """Per cent of the seeds; the pipeline of the documentation is the fastest, and has all parts of a run."""
-
-
-def _disturb(name: str, seed: int) -> tuple[str, int, str, Outcome]:
-    fault = draw_fault(name, seed)
-    return name, seed, fault.kind, disturb(name, fault, seed)
 
 
 def main() -> int:
@@ -36,7 +31,7 @@ def main() -> int:
     start, ended, wrong = time.monotonic(), Counter[tuple[str, str, str]](), []
     todo = [(name, chosen.first + seed) for name in SCENES for seed in range(chosen.seeds * SHARES[name] // 100)]
     with ProcessPoolExecutor(chosen.jobs, multiprocessing.get_context("spawn")) as pool:
-        for name, seed, kind, outcome in pool.map(_disturb, *zip(*todo, strict=True), chunksize=8):
+        for name, seed, kind, outcome in pool.map(disturb_seed, *zip(*todo, strict=True), chunksize=8):
             ended[name, kind, outcome.ended] += 1
             if outcome.wrong:
                 wrong.append(f"- {name}, seed {seed}, {outcome.happened}: {outcome.wrong}")

@@ -126,3 +126,12 @@ def draw_fault(name: str, seed: int) -> Fault:
     """A fault for a seed: any kind at any point of the run."""
     chosen = random.Random(seed)
     return Fault(chosen.randrange(calm(name)[1]), chosen.choice(FAULTS))
+
+
+def disturb_seed(name: str, seed: int) -> tuple[str, int, str, Outcome]:
+    """Name, seed, kind of its fault, and what came of it.
+
+    Stands here since a new process finds no function of a main program.
+    """
+    fault = draw_fault(name, seed)
+    return name, seed, fault.kind, disturb(name, fault, seed)
