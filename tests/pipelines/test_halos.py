@@ -116,6 +116,17 @@ def pits(side: int, width: int, seed: int = 3) -> NDArray[np.float32]:
     return np.where(random.random((side, side)) < 4 / width**2, 0, 10).astype(np.float32)
 
 
+def row_of_pits() -> NDArray[np.float32]:
+    """A plain with pits in one row, of two pixels each way since a single one counts as stray.
+
+    Where squares just fit between two pits the ground is high; whether one does is decided at the farther pit.
+    """
+    values = np.full((48, 360), 10, np.float32)
+    for column in (30, 150, 210):
+        values[20:22, column : column + 2] = 0
+    return values
+
+
 STREETS = {
     "diffusion_steps": 0, "void_reach": 0, "darkness": 100, "minimum_size": 0, "minimum_contour": 0,
     "minimum_elongation": 0, "maximum_mean_width": 500, "closing_radius": 0, "opening_radius": 0, "line_width": 2,
@@ -128,12 +139,25 @@ SCENES: dict[str, tuple[str, Callable[[], NDArray[np.float32]], dict[str, Any], 
     "diffusion": ("streets", blots, STREETS | {"diffusion_steps": 4, "gradient_sigma": 1.0, "speck_size": 0}, 24),
     "ground": ("streets", blots, STREETS | {"speck_size": 0, "ground_window": 24}, 24),
     "roofs": ("objects", lambda: pits(160, 42), {"largest_building": 40, "largest_leaf": 8.0}, 40),
+    "plain": ("objects", row_of_pits, {"largest_building": 120, "largest_leaf": 8.0}, 40),
     "levels": ("edges", blots, {"levels": 3, "rounds": 2, "smoothness": 3.0}, 24),
     "integrated": (
         "edges",
         lambda: noise(80, 0, 255),
         {"levels": 2, "rounds": 1, "scheme": "integrated", "smoothness": 4.0},
         20,
+    ),
+    "annealing": (
+        "edges",
+        lambda: noise(60, 0, 255),
+        {"levels": 2, "rounds": 1, "optimiser": "annealing", "sweeps": 2, "smoothness": 6.0},
+        20,
+    ),
+    "messages": (
+        "edges",
+        lambda: noise(100, 0, 255),
+        {"levels": 2, "rounds": 1, "optimiser": "messages", "smoothness": 6.0},
+        24,
     ),
 }
 """Pipeline, raster, parameters and tile of scenes that make passes look far."""
@@ -160,10 +184,9 @@ NOTICED = {
     "specks": {"levels", "responses", "lines"},
     "diffusion": {"levels", "segment"},
     "ground": {"levels", "segment"},
-    # the bound of the leaves' relief adds up reaches that no content needs at once
     "roofs": {"borders"},
-    "levels": {"levels", "fields"},
-    "integrated": {"levels", "fields"},
+    "plain": {"leaves", "borders"},
+    **{name: {"levels", "fields"} for name in ("levels", "integrated", "annealing", "messages")},
 }
 """Passes of the scenes of which half the halo is too little there."""
 
