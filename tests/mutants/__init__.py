@@ -1,0 +1,1 @@
+"""Mutation testing: whether the tests see small changes of the code."""
