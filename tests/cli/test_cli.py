@@ -311,6 +311,8 @@ def test_memory_sizes():
         "1.5 GiB",
         "5120.0 GiB",
     ]
+    needed, allowed = (1.9 + 0.02) * (1 << 30), (1.9 + 0.01) * (1 << 30)
+    assert (format_memory(needed), format_memory(allowed, up=False)) == ("2.0 GiB", "1.9 GiB")
     for bad in ("", "GiB", "-1G", "8 PB", "1e3"):
         with pytest.raises(InputError, match="is not understood"):
             parse_memory(bad)

@@ -90,6 +90,6 @@ def _refusal(declared: Pass, rows: Mapping[str, int], gathered: int, plan: Plan)
     fewer = (f" or with --workers {held}" if held else "") + ", which goes on from here"
     return (
         f"pass {declared.name} has found {found}, for which the run needs about {needed}, but --memory is "
-        f"{format_memory(plan.limit)}; run the same command with {larger}{fewer}"
+        f"{format_memory(plan.limit, up=False)}; run the same command with {larger}{fewer}"
         f"{f', or {declared.fewer}' if declared.fewer else ''}"
     )

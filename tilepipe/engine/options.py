@@ -37,20 +37,24 @@ def parse_memory(text: str) -> int:
         raise InputError(f"memory '{text}' is more than any machine has; write for example 8GiB or 500MiB") from None
 
 
-def format_memory(size: float) -> str:
-    """A number of bytes for people, rounded up so that what is said to be needed is enough: ``1.4 GiB``.
+def format_memory(size: float, *, up: bool = True) -> str:
+    """A number of bytes for people: ``1.4 GiB``.
+
+    What is needed is rounded up and what is allowed (``up=False``) down: so what is said to be needed is enough, and
+    never seems to be what is allowed already.
 
     Examples
     --------
     >>> from tilepipe.engine.options import format_memory
-    >>> format_memory(1_500_000_000), format_memory(640)
-    ('1.4 GiB', '640 B')
+    >>> format_memory(1_500_000_000), format_memory(1_500_000_000, up=False), format_memory(640)
+    ('1.4 GiB', '1.3 GiB', '640 B')
     """
+    whole = math.ceil if up else math.floor
     for unit in ("B", "KiB", "MiB"):
         if size < 1024:
-            return f"{math.ceil(size)} {unit}"
+            return f"{whole(size)} {unit}"
         size /= 1024
-    return f"{math.ceil(size * 10) / 10:.1f} GiB"
+    return f"{whole(size * 10) / 10:.1f} GiB"
 
 
 def default_workers() -> int:

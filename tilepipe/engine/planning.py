@@ -110,12 +110,12 @@ class Plan:
         if self.least_memory > options.memory:
             raise InputError(
                 f"the run needs at least {format_memory(self.least_memory)} whatever the tiles, for libraries and "
-                f"export, but --memory is {format_memory(options.memory)}; use a larger --memory"
+                f"export, but --memory is {format_memory(options.memory, up=False)}; use a larger --memory"
             )
         fewer = f", or fewer workers than {self.workers}" if self.workers > 1 else ""
         raise InputError(
-            f"the run needs about {format_memory(self.memory)} but --memory is {format_memory(options.memory)}; "
-            f"use a larger --memory or a smaller --tile than {options.tile}{fewer}"
+            f"the run needs about {format_memory(self.memory)} but --memory is "
+            f"{format_memory(options.memory, up=False)}; use a larger --memory or a smaller --tile than {options.tile}{fewer}"
         )
 
     def check_device(self, available: int, options: RunOptions) -> None:
@@ -131,7 +131,7 @@ class Plan:
             fewer = f" or fewer workers than {self.workers}" if self.workers > 1 else ""
             raise InputError(
                 f"pass {hungriest.name} needs about {format_memory(hungriest.memory)} of the GPU's memory, which has "
-                f"{format_memory(available)}; use a smaller --tile than {options.tile}{fewer}"
+                f"{format_memory(available, up=False)}; use a smaller --tile than {options.tile}{fewer}"
             )
 
     def text(self) -> str:
@@ -153,7 +153,7 @@ class Plan:
         lines.append(
             f"peak memory about {format_memory(self.memory)} with {counted(self.workers, 'worker')} "
             f"(libraries {format_memory(_BASE)}, global facts {format_memory(everywhere)}){most}; "
-            f"limit {format_memory(self.limit)}"
+            f"limit {format_memory(self.limit, up=False)}"
         )
         if self.workers < self.wanted:
             lines.append(
