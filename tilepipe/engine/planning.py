@@ -115,7 +115,8 @@ class Plan:
         fewer = f", or fewer workers than {self.workers}" if self.workers > 1 else ""
         raise InputError(
             f"the run needs about {format_memory(self.memory)} but --memory is "
-            f"{format_memory(options.memory, up=False)}; use a larger --memory or a smaller --tile than {options.tile}{fewer}"
+            f"{format_memory(options.memory, up=False)}; use a larger --memory "
+            f"or a smaller --tile than {options.tile}{fewer}"
         )
 
     def check_device(self, available: int, options: RunOptions) -> None:
