@@ -19,7 +19,7 @@ from tilepipe.engine.options import RunOptions
 from tilepipe.engine.progress import Silent
 from tilepipe.engine.run import Run, open_run
 from tilepipe.engine.run_folder import Uses, is_unfinished, status
-from tilepipe.engine.run_lock import OWNER
+from tilepipe.engine.run_lock import MARK, OWNER
 from tilepipe.engine.tiles.executors import SerialExecutor
 from tilepipe.engine.tiles.ledger import Ledger
 from tilepipe.engine.tiles.passes import BoundPass, run_pass
@@ -119,7 +119,12 @@ def a_file(folder: Path) -> None:
     (folder / STATE).write_text("mine")
 
 
-@pytest.mark.parametrize("foreign", [own, with_lock, linked, linked_lock, a_file])
+def with_a_pipe(folder: Path) -> None:
+    begun(folder)
+    os.mkfifo(folder / STATE / OWNER)
+
+
+@pytest.mark.parametrize("foreign", [own, with_lock, linked, linked_lock, a_file, with_a_pipe])
 @pytest.mark.parametrize("overwrite", [False, True])
 def test_a_state_folder_of_others_is_refused(tmp_path: Path, foreign: Callable[[Path], None], overwrite: bool) -> None:
     foreign(tmp_path / "run")
@@ -147,9 +152,9 @@ def test_a_folder_with_files_of_others_is_refused(tmp_path: Path, name: str) -> 
     assert contents(tmp_path / "run") == {name: "mine"}
 
 
-@pytest.mark.parametrize("name", ["map.tif", "lines.gpkg"])
+@pytest.mark.parametrize("name", ["map.tif", "lines.gpkg", TIMINGS])
 def test_overwriting_replaces_only_what_was_published(tmp_path: Path, name: str) -> None:
-    """Neither a layer that was edited nor a file that has the name of another layer."""
+    """Neither a file that was edited nor one that has the name of another layer."""
     run = made(tmp_path / "run")
     (run / "notes.txt").write_text("mine")
     (run / name).write_text("mine")
@@ -161,6 +166,16 @@ def test_overwriting_replaces_only_what_was_published(tmp_path: Path, name: str)
     (run / name).unlink()
     made(run, "b", overwrite=True)
     assert contents(run) == layers("b") | {"notes.txt": "mine"}
+
+
+def test_a_record_that_is_a_link_is_not_replaced(tmp_path: Path) -> None:
+    run = made(tmp_path / "run")
+    (run / RECORD).rename(tmp_path / "record.toml")
+    (run / RECORD).symlink_to(tmp_path / "record.toml")
+    for overwrite in (False, True):
+        with pytest.raises(InputError, match=r"run\.toml: is not the record of a finished run"):
+            made(run, "b", overwrite=overwrite)
+    assert (run / RECORD).is_symlink()
 
 
 def test_a_file_that_appears_during_the_run_is_not_replaced(tmp_path: Path) -> None:
@@ -254,25 +269,51 @@ def test_who_was_taken_for_dead_does_not_publish(tmp_path: Path) -> None:
     assert not (tmp_path / "run" / RECORD).exists()
 
 
+def published_late(folder: Path, step: int) -> None:
+    """A run publishes, and before the given rename of it another process takes the folder over and does so too."""
+    rename, left = os.replace, [step]
+
+    def rename_late(source: Path, target: Path) -> None:
+        left[0] -= 1
+        if not left[0]:
+            with (
+                patch.object(os, "replace", rename),
+                patch.object(run_lock, "_lock", lambda *_: False),
+                patch.object(run_lock, "_PATIENCE", 0),
+                pytest.warns(UserWarning, match="was at work in it"),
+            ):
+                made(folder, "b", overwrite=True)
+        rename(source, target)
+
+    with opened(folder, "c", overwrite=True) as run:
+        for name in NAMES[1:]:
+            (run.state / name).write_text(f"c {name}")
+        with patch.object(os, "replace", rename_late):
+            run.publish([run.state / name for name in NAMES[1:]], {"command": "streets"})
+
+
 def test_who_was_taken_for_dead_while_it_published_touches_nothing_more(tmp_path: Path) -> None:
-    folder = made(tmp_path / "run")
-    remove = Path.unlink
+    renames = 10
+    for step in range(1, renames + 1):
+        folder = made(tmp_path / str(step))
+        with pytest.raises(InputError, match="another process has taken it over"):
+            published_late(folder, step)
+        assert contents(folder) == layers("b"), step
+        assert not (folder / STATE).exists()
+    published_late(made(tmp_path / "all"), renames + 1)
 
-    def remove_slowly(path: Path, **named: bool) -> None:
-        remove(path, **named)
-        if path == folder / RECORD:
-            # meanwhile another has run and published
-            (folder / STATE / OWNER).write_text("{}")
-            path.write_text("of another")
 
-    def publish() -> None:
-        with opened(folder, "b", overwrite=True) as run, patch.object(Path, "unlink", remove_slowly):
-            run.publish([], {"command": "streets"})
+def test_who_was_taken_for_dead_while_it_tidied_up_leaves_the_lock(tmp_path: Path) -> None:
+    folder, remove = tmp_path / "run", shutil.rmtree
+    owner = folder / STATE / OWNER
 
-    with pytest.raises(InputError, match="another process has taken it over"):
-        publish()
-    assert layers("a").items() <= contents(folder).items()
-    assert (folder / RECORD).read_text() == "of another"
+    def remove_slowly(path: Path) -> None:
+        remove(path)
+        owner.write_text("of another")
+
+    with patch.object(shutil, "rmtree", remove_slowly):
+        made(folder)
+    assert contents(folder) == layers("a") | {f"{STATE}/{OWNER}": "of another", f"{STATE}/lock": MARK.decode()}
 
 
 def test_who_was_taken_for_dead_removes_no_state(tmp_path: Path) -> None:
@@ -466,7 +507,7 @@ def test_publication_is_on_disk_step_by_step(tmp_path: Path) -> None:
             patch.object(publication, "flush_to_disk", noting("flush", publication.flush_to_disk)),
             patch.object(publication, "flush_folder", noting("flush", publication.flush_folder)),
             patch.object(publication.os, "replace", noting("rename", os.replace)),
-            patch.object(publication, "remove_state", noting("remove state", publication.remove_state)),
+            patch.object(publication, "remove_state", lambda folder, _: events.append(f"remove state {folder.name}")),
         ):
             run.publish([run.state / "map.tif"], {"command": "streets"})
     order = [event for event in events if not event.endswith((".toml", TIMINGS)) or event == f"rename {RECORD}"]

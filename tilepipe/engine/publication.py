@@ -8,6 +8,9 @@ The order outlasts a kill and a loss of power at any moment; each step is on dis
 
 Until the record appears the same command resumes the run and publishes again; it knows by `files.toml` which files it
 may replace.  After that, what is left of the state is nobody's, and the next command removes it.
+
+Whatever comes to the run's folder or goes from it is renamed out of or into the folder of the token: a process that was
+taken for dead has none any more, and so cannot harm the run that has taken its place, at whatever step it wakes.
 """
 
 from __future__ import annotations
@@ -55,9 +58,12 @@ def publish(
         or another process has taken the folder over, at whatever step, and is left alone from there on.
     """
     lock.require()
-    for layer in layers:
-        flush_to_disk(layer)
-    new, old = [Written.of(layer) for layer in layers], known_files(folder)
+    rounded = {name: round(seconds, 3) for name, seconds in timings.items()}
+    (state / TIMINGS).write_bytes(json.dumps(rounded, indent=1).encode())
+    published = [*layers, state / TIMINGS]
+    for file in published:
+        flush_to_disk(file)
+    new, old = [Written.of(file) for file in published], known_files(folder)
     refuse_foreign(folder, [file.name for file in (*old, *new)], (*old, *new))
     aside = state / RECORD
     atomic_write_bytes(aside, as_toml({**record, "files": as_table(new)}), durable=True)
@@ -65,23 +71,31 @@ def publish(
 
     for name in (RECORD, PICTURES):
         lock.require()
-        (folder / name).unlink(missing_ok=True)
+        _withdraw(folder / name, state)
     flush_folder(folder)
     for name in {file.name for file in old}:
         lock.require()
-        (folder / name).unlink(missing_ok=True)
+        _withdraw(folder / name, state)
     # no moment shows layers of two runs
     flush_folder(folder)
-    for layer in layers:
+    for file in published:
         lock.require()
-        os.replace(layer, folder / layer.name)
-    rounded = {name: round(seconds, 3) for name, seconds in timings.items()}
-    (state / TIMINGS).write_bytes(json.dumps(rounded, indent=1).encode())
-    flush_to_disk(state / TIMINGS)
-    os.replace(state / TIMINGS, folder / TIMINGS)
+        os.replace(file, folder / file.name)
     flush_folder(folder)
 
     lock.require()
     os.replace(aside, folder / RECORD)
     flush_folder(folder)
-    remove_state(folder)
+    remove_state(folder, lock)
+
+
+def _withdraw(file: Path, state: Path) -> None:
+    """Move a file of an earlier run into the state, with which it goes.
+
+    Raises
+    ------
+    FileNotFoundError
+        The state is gone.
+    """
+    if file.is_symlink() or file.exists():
+        os.replace(file, state / f"{file.name}.earlier")

@@ -22,7 +22,7 @@ from tilepipe.engine.run_lock import RunLock, held
 from tilepipe.engine.tiles.executors import Executor, open_executor
 from tilepipe.engine.tiles.ledger import Ledger
 from tilepipe.engine.tiles.passes import BoundPass, run_pass
-from tilepipe.errors import InputError, MemoryLimitError, OutputError
+from tilepipe.errors import InputError, MemoryLimitError, OutputError, TileError
 from tilepipe.io.files.identity import ChangedInputError
 from tilepipe.io.files.record import STATE
 from tilepipe.io.rasters.sources.source import Source
@@ -149,10 +149,11 @@ def _held_run(
         state, began = begin(folder, record, identity, sources, overwrite=options.overwrite)
     except InputError:
         if read_identity(folder / STATE) is None:
-            remove_state(folder)
+            remove_state(folder, lock)
         raise
     try:
         with (
+            _explained(lock),
             listening(progress.compiling),
             _small_cache(),
             open_executor(options.executor, options.resolved_workers, state) as executor,
@@ -162,8 +163,21 @@ def _held_run(
         # finished tiles are good: if the input turns out to be the same, with more memory, or where there is room
         raise
     except InputError:
-        if began and _passes_with_facts(state) <= 1 and lock.still_held():
-            remove_state(folder)
+        if began and _passes_with_facts(state) <= 1:
+            remove_state(folder, lock)
+        raise
+
+
+@contextmanager
+def _explained(lock: RunLock) -> Iterator[None]:
+    """What fails on disk after another process has taken the folder over fails because of that."""
+    try:
+        yield
+    except (OSError, OutputError, TileError) as error:
+        try:
+            lock.require()
+        except OutputError as reason:
+            raise reason from error
         raise
 
 
@@ -192,4 +206,6 @@ def _small_cache() -> Iterator[None]:
 def disk_error(error: OSError, folder: Path) -> InputError:
     """What to tell the user about a failure to write."""
     reason = error.strerror or str(error)
-    return InputError(f"{error.filename or folder}: cannot be written ({reason}); free space or name another folder")
+    # of a rename the name that lasts
+    named = error.filename2 or error.filename or folder
+    return InputError(f"{named}: cannot be written ({reason}); free space or name another folder")

@@ -28,7 +28,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tilepipe.engine.run_lock import LOCK, OWNER, held, is_marked
+from tilepipe.engine.run_lock import LOCK, OWNER, RunLock, held, is_marked
 from tilepipe.engine.unchanged import INPUT_FILES, changed_input
 from tilepipe.errors import InputError
 from tilepipe.io.files.atomic import is_aside
@@ -87,11 +87,11 @@ def check_folder(folder: Path, uses: Uses, *, overwrite: bool) -> None:
             if not overwrite:
                 raise InputError(f"{folder}: holds a finished run; use --overwrite to replace it, or another --out")
         elif folder.exists():
-            own = {STATE} | {file.name for file in known} | ({TIMINGS, PICTURES} if known else set())
+            own = {STATE} | {file.name for file in known} | ({PICTURES} if known else set())
             if any(item.name not in own and not is_aside(item.name) for item in folder.iterdir()):
                 raise InputError(f"{folder}: is not empty and holds no run; name another folder")
-    replaced = [*(file.name for file in known), *uses.files]
-    _refuse_inputs(folder, uses.inputs, [*replaced, RECORD, TIMINGS])
+    replaced = [*(file.name for file in known), *uses.files, TIMINGS]
+    _refuse_inputs(folder, uses.inputs, [*replaced, RECORD])
     refuse_foreign(folder, replaced, known)
 
 
@@ -134,9 +134,9 @@ def _logged_files(folder: Path) -> list[Written]:
 
 
 def is_finished(folder: Path) -> bool:
-    """Whether a folder holds the record of a finished run."""
+    """Whether a folder holds the record of a finished run; a link is another file."""
     path = folder / RECORD
-    if not path.is_file():
+    if path.is_symlink() or not path.is_file():
         return False
     record = read_record(path)
     return "command" in record and "files" in record
@@ -221,14 +221,17 @@ def write_log(folder: Path, files: Iterable[Written]) -> None:
     atomic_write_bytes(folder / STATE / FILES, as_toml({"files": entries}), durable=True)
 
 
-def remove_state(folder: Path) -> None:
-    """Remove the state of a run; files of others in it stay."""
+def remove_state(folder: Path, lock: RunLock) -> None:
+    """Remove the state of a run while its lock is held; files of others in it stay."""
     state = folder / STATE
-    _clear(state, keep=())
-    for name in (OWNER, LOCK):
-        (state / name).unlink(missing_ok=True)
-    with suppress(OSError):
-        state.rmdir()
+    if lock.still_held():
+        _clear(state, keep=())
+    # a large state takes long to remove, and meanwhile another process may have begun
+    if lock.still_held():
+        for name in (OWNER, LOCK):
+            (state / name).unlink(missing_ok=True)
+        with suppress(OSError):
+            state.rmdir()
 
 
 def sweep_finished(folder: Path) -> None:
@@ -237,9 +240,9 @@ def sweep_finished(folder: Path) -> None:
     if state.is_dir() and not state.is_symlink() and is_marked(state) and _lies(folder / RECORD):
         if is_unfinished(folder) or not is_finished(folder):
             return
-        with held(folder, state):
+        with held(folder, state) as lock:
             if not is_unfinished(folder):
-                remove_state(folder)
+                remove_state(folder, lock)
 
 
 def _clear(state: Path, keep: Iterable[str]) -> None:
@@ -254,8 +257,10 @@ def _clear(state: Path, keep: Iterable[str]) -> None:
         if item.is_dir() and not item.is_symlink():
             # what still writes there loses its way at once
             gone = item if item.name.endswith(".gone") else item.with_name(f"{item.name}.gone")
-            os.rename(item, gone)
-            shutil.rmtree(gone)
+            # who was taken for dead may be removing it as well
+            with suppress(FileNotFoundError):
+                os.rename(item, gone)
+                shutil.rmtree(gone)
         else:
             item.unlink(missing_ok=True)
 

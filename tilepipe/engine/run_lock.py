@@ -188,7 +188,8 @@ def is_marked(state: Path) -> bool:
     False
     """
     lock = state / LOCK
-    if lock.is_symlink() or (lock.exists() and not lock.is_file()):
+    # a pipe would make its reader wait
+    if any(path.is_symlink() or (path.exists() and not path.is_file()) for path in (lock, state / OWNER)):
         return False
     if lock.is_file() and lock.stat().st_size:
         with lock.open("rb") as file:

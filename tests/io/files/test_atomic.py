@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
+import shutil
 from pathlib import Path
 
 import pytest
 
 from tests.disk_calls import disk_calls
 from tilepipe.errors import InputError
+from tilepipe.io.files import atomic
 from tilepipe.io.files.atomic import atomic_write
 from tilepipe.io.files.durable import atomic_write_bytes
 
@@ -27,6 +29,25 @@ def test_a_failing_write_leaves_the_old_file(tmp_path: Path) -> None:
             fail(error)
     assert path.read_text() == "old"
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_what_others_take_for_a_leftover_is_left_to_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It may lock a new folder before the one who made it, and remove it at any time."""
+    locked, taken = atomic._locked, list[tuple[Path, int | None]]()
+
+    def locked_late(folder: Path) -> int | None:
+        if not taken:
+            taken.append((folder, locked(folder)))
+        return locked(folder)
+
+    monkeypatch.setattr(atomic, "_locked", locked_late)
+    with atomic_write(tmp_path / "a.txt") as aside:
+        folder, lock = taken[0]
+        assert lock is not None
+        shutil.rmtree(folder)
+        os.close(lock)
+        aside.write_text("whole")
+    assert [path.name for path in tmp_path.iterdir()] == ["a.txt"]
 
 
 def test_leftovers_of_a_killed_write_are_cleared(tmp_path: Path) -> None:

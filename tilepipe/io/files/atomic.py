@@ -176,10 +176,11 @@ def clear_leftovers(folder: Path) -> None:
     with suppress(OSError):
         for item in folder.iterdir():
             if is_aside(item.name) and not item.is_symlink() and item.is_dir():
-                lock = _locked(item)
-                if lock is not None:
-                    shutil.rmtree(item, ignore_errors=True)
-                    os.close(lock)
+                with suppress(BlockingIOError):
+                    lock = _locked(item)
+                    if lock is not None:
+                        shutil.rmtree(item, ignore_errors=True)
+                        os.close(lock)
 
 
 def _make_aside(parent: Path) -> tuple[Path, int | None]:
@@ -187,16 +188,23 @@ def _make_aside(parent: Path) -> tuple[Path, int | None]:
     while True:
         folder = parent / f".tilepipe-{secrets.token_hex(8)}.partial"
         folder.mkdir()
-        lock = _locked(folder)
-        # another process may have taken it for a leftover before it was locked
-        if folder.is_dir():
-            return folder, lock
-        if lock is not None:
-            os.close(lock)
+        # another writer may take it for a leftover before it is locked: it removes it, or is about to
+        with suppress(BlockingIOError):
+            lock = _locked(folder)
+            if folder.is_dir():
+                return folder, lock
+            if lock is not None:
+                os.close(lock)
 
 
 def _locked(folder: Path) -> int | None:
-    """The descriptor that holds the lock of a folder; None where another holds it or there are no locks."""
+    """The descriptor that holds the lock of a folder; None where it is gone or there are no locks.
+
+    Raises
+    ------
+    BlockingIOError
+        Another writer holds it.
+    """
     try:
         import fcntl
 
@@ -205,8 +213,10 @@ def _locked(folder: Path) -> int | None:
         return None
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
+    except OSError as error:
         os.close(lock)
+        if isinstance(error, BlockingIOError):
+            raise
         return None
     return lock
 
