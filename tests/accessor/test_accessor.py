@@ -510,6 +510,27 @@ def test_rows_are_those_of_the_map(name):
         assert np.array_equal(found.transpose("y", "x").values, expected.values, equal_nan=found.dtype.kind == "f")
 
 
+@pytest.mark.parametrize("name", OPERATORS)
+@pytest.mark.parametrize("chunked", [False, True])
+def test_an_array_that_runs_against_the_map_gives_the_same(name, chunked):
+    """Squares, cells and directions are those of the map, whichever way rows and columns run."""
+    source = array(raster_for(name))
+    expected = OPERATORS[name][1](source)
+    for dim in ("y", "x"):
+        turned = source.isel({dim: slice(None, None, -1)})
+        if chunked:
+            turned = turned.chunk(y=20, x=20)
+        found = OPERATORS[name][1](turned)
+        assert found.chunks == turned.chunks
+        assert found[dim].equals(turned[dim])
+        values = found.isel({dim: slice(None, None, -1)}).values
+        if name == "grow_regions":  # the same regions, numbered in the order of the array
+            pairs = np.unique(np.stack([values, expected.values]).reshape(2, -1), axis=1)
+            assert pairs.shape[1] == expected.values.max() + 1 == values.max() + 1
+        else:
+            assert np.array_equal(values, expected.values, equal_nan=found.dtype.kind == "f")
+
+
 def test_chunks_of_unknown_sizes_are_refused():
     data = da.from_array(greys(), chunks=20)
     unknown = data[da.from_array(np.ones(SHAPE[0], bool), chunks=20)]

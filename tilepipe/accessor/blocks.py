@@ -12,7 +12,8 @@ from numpy.typing import DTypeLike, NDArray
 
 from tilepipe.errors import InputError
 from tilepipe.io.rasters.packing import Packing, packing_of
-from tilepipe.io.rasters.sources.arrays import ARRAY, check_chunks, rows_first
+from tilepipe.io.rasters.sources.arrays import ARRAY, check_chunks
+from tilepipe.io.rasters.sources.axes import map_order, rows_first
 from tilepipe.tiling.grid import Tile, TileGrid, Window
 
 BlockFunction = Callable[[NDArray[Any], Tile], NDArray[Any]]
@@ -20,6 +21,7 @@ BlockFunction = Callable[[NDArray[Any], Tile], NDArray[Any]]
 
 _NODATA = ("_FillValue", "missing_value", "fill_value", "nodata", "nodatavals")
 _SCALES = ("scale_factor", "add_offset", "scales", "offsets")
+_VALID = ("valid_range", "valid_min", "valid_max")
 _STORAGE = ("dtype", "rasterio_dtype", "_Unsigned")
 
 
@@ -41,14 +43,16 @@ class BlockOperators:
         The function gets the values that are meant, scaled if the array is packed, with NaN for nodata; ``nodata`` is
         what it gives there itself, where this is not NaN.
         """
-        data, packing = self._array.data, packing_of(self._array, ARRAY)
+        # squares, cells and directions are those of the map, whichever way the array runs
+        order = map_order(self._array)
+        data, packing = _ordered(self._array.data, order), packing_of(self._array, ARRAY)
 
         def on_pieces(pieces: list[list[NDArray[Any]]], tile: Tile) -> NDArray[Any]:
             return function(meant(np.block(pieces), packing), tile)
 
         if not hasattr(data, "dask"):
             whole = TileGrid(data.shape, data.shape).tile(0)
-            return self._like(name, on_pieces([[np.asarray(data)]], whole), nodata)
+            return self._like(name, _ordered(on_pieces([[np.asarray(data)]], whole), order), nodata)
         import dask
         import dask.array as da
 
@@ -62,7 +66,7 @@ class BlockOperators:
             ]
             for row in tiles
         ]
-        return self._like(name, da.block(blocks), nodata)
+        return self._like(name, _ordered(da.block(blocks), order), nodata)
 
     def _like(self, name: str, data: Any, nodata: float | None = None) -> xr.DataArray:
         """Other values under another name: same dims, coordinates, CRS and attributes but those of how it was stored.
@@ -71,14 +75,19 @@ class BlockOperators:
         """
         result = self._array.copy(data=data).rename(name)
         marked = any(key in result.attrs or key in result.encoding for key in _NODATA)
-        for key in _NODATA + _SCALES:
+        for key in _NODATA + _SCALES + _VALID:
             result.attrs.pop(key, None)
-        for key in _NODATA + _SCALES + _STORAGE:
+        for key in _NODATA + _SCALES + _VALID + _STORAGE:
             result.encoding.pop(key, None)
         nodata = np.nan if result.dtype.kind == "f" else nodata
         if marked and nodata is not None:
             result.attrs["_FillValue"] = nodata
         return result.transpose(*self._dims)
+
+
+def _ordered(data: Any, order: tuple[slice, slice]) -> Any:
+    """Values in the order of the map, or back; as they are where that is the same."""
+    return data if order == (slice(None), slice(None)) else data[order]
 
 
 def meant(block: NDArray[Any], packing: Packing) -> NDArray[Any]:

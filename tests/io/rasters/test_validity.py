@@ -344,6 +344,56 @@ def test_a_palette_stands_for_its_colours(tmp_path):
         open_raster([path])
 
 
+# --- ranges of valid values (CF)
+
+RANGES = [
+    # stored dtype, attributes, valid values
+    ("float32", {"valid_range": [20, 100]}, (20, 100)),
+    ("float32", {"valid_max": 0.1}, (-np.inf, np.float32(0.1))),  # in the precision of the values
+    ("int16", {"valid_min": 20}, (20, np.inf)),
+    ("int16", {"valid_min": 20, "valid_max": 100, "_FillValue": 50}, (20, 100)),
+    ("int8", {"valid_range": [10, -56], "_Unsigned": "true"}, (10, 200)),
+    ("int16", {"valid_range": [20, 100], "scale_factor": 0.5, "add_offset": 7.0}, (17, 57)),
+    ("int16", {"valid_range": [20.0, 50.0], "scale_factor": 0.5, "add_offset": 7.0}, (20, 50)),
+]
+
+
+@pytest.mark.parametrize("opened", ["array", "lazy", "store", "decoded"])
+@pytest.mark.parametrize(("dtype", "attributes", "valid"), RANGES)
+def test_what_lies_outside_the_valid_range_is_void(tmp_path, opened, dtype, attributes, valid):
+    stored = (np.arange(168).reshape(SHAPE) / (10 if dtype == "float32" and "valid_max" in attributes else 1)).astype(
+        dtype
+    )
+    meant = stored.view("uint8") if "_Unsigned" in attributes else stored
+    expected = (meant * attributes.get("scale_factor", 1.0) + attributes.get("add_offset", 0.0)).astype(np.float32)
+    outside = (expected < valid[0]) | (expected > valid[1])
+    expected[outside | (meant == attributes.get("_FillValue", np.inf))] = np.nan
+    array = xr.DataArray(stored, {"y": -np.arange(12.0), "x": np.arange(14.0)}, ("y", "x"), name="a", attrs=attributes)
+    if opened != "array":
+        array.attrs.update({k: np.dtype(dtype).type(v) for k, v in attributes.items() if k == "_FillValue"})
+        array.to_zarr(tmp_path / "a.zarr", zarr_format=2, consolidated=False)
+        lazy = xr.open_zarr(tmp_path / "a.zarr", mask_and_scale=opened == "decoded", consolidated=False)["a"]
+        array = tmp_path / "a.zarr" if opened == "store" else lazy
+    assert np.array_equal(open_raster([array], crs="EPSG:32633").read(WHOLE), expected, equal_nan=True)
+
+
+@pytest.mark.parametrize("given", [{"valid_range": 3}, {"valid_range": [1, 2, 3]}, {"valid_min": "low"}])
+def test_a_valid_range_is_two_numbers(given):
+    array = xr.DataArray(np.zeros(SHAPE), {"y": -np.arange(12.0), "x": np.arange(14.0)}, ("y", "x"), attrs=given)
+    with pytest.raises(InputError, match="its attribute valid_range must be two numbers, not"):
+        open_raster([array], crs="EPSG:32633")
+
+
+def test_the_valid_range_of_heights_is_not_that_of_their_ground():
+    import tilepipe.accessor  # noqa: F401
+
+    heights = xr.DataArray(np.full((80, 80), 900, np.int16), dims=("y", "x"))
+    packed = heights.assign_attrs(scale_factor=0.1, valid_range=[500, 1000])
+    ground = packed.tilepipe.ground(resolution=1.0, largest_object=10)
+    assert "valid_range" not in ground.attrs
+    assert np.allclose(ground, 90)
+
+
 # --- Zarr
 
 

@@ -29,6 +29,9 @@ _PREFIXES = {
 }
 """SI prefixes that occur with lengths: symbol and factor."""
 
+_SYMBOLS = {f"{symbol}m": factor for symbol, factor in _PREFIXES.values()}
+"""Lengths of metres with their prefixes by symbol: in small letters or in capitals, for Mm is the megametre."""
+
 _WORDS = {
     "ft": "foot",
     "feet": "foot",
@@ -57,15 +60,15 @@ _WORDS = {
 _SAID_ANYWAY = {"i", "int", "intl", "international", "statute", "survey"}
 """Words that tell no unit from another: feet and miles are international ones, those of the survey are of the US."""
 
-_HEIGHTS = re.compile(r"\b(above|asl|amsl)\b.*")
-_MULTIPLE = re.compile(r"([0-9]+(?:\.[0-9]+)?(?:e[+-]?[0-9]+)?)\s*\*?\s*([a-z].*)")
+_HEIGHTS = re.compile(r"\b(above|asl|amsl)\b.*", re.IGNORECASE)
+_MULTIPLE = re.compile(r"([0-9]+(?:\.[0-9]+)?(?:e[+-]?[0-9]+)?)\s*\*?\s*([a-z].*)", re.IGNORECASE)
 
 
 def unit_metres(unit: str | None) -> float | None:
     """Length in metres of a unit by name; None where it is no known length.
 
     Known are metres with their prefixes and all lengths of EPSG, in the spellings of UCUM, UDUNITS, ESRI, GDAL and
-    PROJ, in singular and plural, and multiples such as ``0.1 m``.
+    PROJ, in singular and plural, in any case of letters but of the symbols of metres, and multiples such as ``0.1 m``.
 
     Examples
     --------
@@ -77,7 +80,8 @@ def unit_metres(unit: str | None) -> float | None:
     >>> unit_metres("furlongs per fortnight") is unit_metres("dBZ") is None
     True
     """
-    text = _HEIGHTS.sub("", (unit or "").lower().replace("a.s.l", "asl").replace("µ", "u").replace("μ", "u")).strip()
+    text = re.sub("a\\.s\\.l", "asl", (unit or "").replace("µ", "u").replace("μ", "u"), flags=re.IGNORECASE)
+    text = _HEIGHTS.sub("", text).strip()
     known = _known().get(_key(text))
     if known is None and (multiple := _MULTIPLE.fullmatch(text)):
         of = unit_metres(multiple[2])
@@ -158,14 +162,21 @@ def same_unit(a: float, b: float) -> bool:
 def _key(text: str) -> frozenset[str]:
     """A name in any spelling as its plain words; empty for what is no name."""
     bare = re.sub(r"[.']", "", text)
+    if any(word.lower() in _SYMBOLS and word not in (word.lower(), word.upper()) for word in _split(bare)):
+        return frozenset()
+    bare = bare.lower()
     if not re.fullmatch(r"[a-z0-9\s_\-()\[\]]*", bare):
         return frozenset()
-    words = [re.sub(r"met(er|re)s?$", "metre", word) for word in re.split(r"[\s_\-()\[\]]+", bare) if word]
+    words = [re.sub(r"met(er|re)s?$", "metre", word) for word in _split(bare)]
     plain = " ".join(_WORDS.get(word, _WORDS.get(word.removesuffix("s"), word)) for word in words).split()
     told = {re.sub(r"^(foot|yard|inch|mile|chain|link|fathom)s$", r"\1", word) for word in plain}
     if "survey" in told:
         told.add("us")
     return frozenset(told - _SAID_ANYWAY)
+
+
+def _split(name: str) -> list[str]:
+    return [word for word in re.split(r"[\s_\-()\[\]]+", name) if word]
 
 
 @cache
@@ -184,4 +195,4 @@ def _lengths() -> dict[str, float]:
 def _known() -> dict[frozenset[str], float]:
     """Lengths of units by the words of their names, and by the symbols of metres."""
     names = {_key(name.lower()): length for name, length in _lengths().items()}
-    return names | {frozenset({f"{symbol}m"}): factor for symbol, factor in _PREFIXES.values()}
+    return names | {frozenset({symbol}): factor for symbol, factor in _SYMBOLS.items()}

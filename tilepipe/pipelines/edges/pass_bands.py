@@ -19,7 +19,8 @@ from tilepipe.io.files.paths import gdal_name, location
 from tilepipe.io.rasters.bands import Bands, Choice
 from tilepipe.io.rasters.file_bands import bands_of
 from tilepipe.io.rasters.raster import Raster, open_bands, open_raster
-from tilepipe.io.rasters.sources.arrays import ARRAY, array_bands, bands_first
+from tilepipe.io.rasters.sources.arrays import ARRAY, array_bands
+from tilepipe.io.rasters.sources.axes import bands_first
 from tilepipe.tiling.facts import Facts
 from tilepipe.tiling.grid import Tile, Window
 

@@ -1,10 +1,10 @@
-"""Zarr stores and xarray arrays as sources behind a raster."""
+"""xarray arrays as sources behind a raster."""
 
 from __future__ import annotations
 
 import zlib
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 
 from tilepipe.errors import InputError
 from tilepipe.io.files.identity import changed, digest_of
-from tilepipe.io.files.paths import is_local, one_line
+from tilepipe.io.files.paths import one_line
 from tilepipe.io.rasters.bands import Bands, Choice
 from tilepipe.io.rasters.georeference import Geometry, check_geometry
 from tilepipe.io.rasters.packing import Packing, packing_of, unpack_bands
-from tilepipe.io.rasters.sources.stores import Axis, StoreFiles, store_files
+from tilepipe.io.rasters.sources.axes import array_crs, bands_first, map_order
+from tilepipe.io.rasters.sources.stores import StoreFiles
 from tilepipe.tiling.grid import Window
 
 if TYPE_CHECKING:
@@ -31,9 +32,6 @@ _IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
 
 _UNEVEN = 0.1
 """Largest deviation of the spacing of coordinates that is taken for rounding, in pixels."""
-
-_BAND = "__band__"
-"""Dimension of the only band of an array that has none for bands."""
 
 _ROWS = 1024
 """Rows of an array that are read at once for its checksum."""
@@ -142,15 +140,16 @@ def array_source(array: xr.DataArray, name: str, *, crs: str | None, choice: Cho
     check_chunks(array, name)
     band = choice.of(array_bands(array), name)[0]
     array, packings = _chosen(array, name, choice)
-    if array.sizes[y] > 1 and y in array.coords and float(array[y][0]) < float(array[y][-1]):
-        array = array.isel({y: slice(None, None, -1)})
+    rows, _ = map_order(array)
+    if rows != slice(None):
+        array = array.isel({y: rows})
     if array.dtype.kind not in "biuf":
         raise InputError(f"{name}: holds {array.dtype} values; use a raster of real numbers")
     shape, units = (array.sizes[y], array.sizes[x]), array.attrs.get("units")
     # rioxarray gives one for each band where the bands differ
     unit = units[band - 1] if isinstance(units, (tuple, list)) else units
     unit = None if unit is None else str(unit)
-    geometry = check_geometry(name, array.rio.crs or None, _transform(array, name), shape, crs, unit)
+    geometry = check_geometry(name, array_crs(array, name), _transform(array, name), shape, crs, unit)
     return ArraySource(name, geometry, array, packings)
 
 
@@ -164,56 +163,6 @@ def check_chunks(array: xr.DataArray, name: str) -> None:
     """
     if any(np.isnan(size) for sizes in array.chunks or () for size in sizes):
         raise InputError(f"{name}: has chunks of unknown sizes; make it of dask_array.compute_chunk_sizes()")
-
-
-def bands_first(array: xr.DataArray, name: str) -> xr.DataArray:
-    """An array with dims ``(band, y, x)``, whatever these are called, from one of two or three dims in any order.
-
-    Raises
-    ------
-    InputError
-        It has no spatial dims, or others than these and one of bands.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import xarray as xr
-    >>> from tilepipe.io.rasters.sources.arrays import bands_first
-    >>> bands_first(xr.DataArray(np.zeros((4, 5, 3)), dims=("y", "x", "colour")), "photograph").dims
-    ('colour', 'y', 'x')
-    """
-    import rioxarray  # noqa: F401
-
-    try:
-        y, x = array.rio.y_dim, array.rio.x_dim
-    except Exception as error:
-        raise InputError(f"{name}: has no spatial dimensions; name them y and x") from error
-    others = [dim for dim in array.dims if dim not in (y, x)]
-    if len(others) > 1:
-        raise InputError(f"{name}: has dimensions {array.dims}; select one raster of two dimensions")
-    if not others:
-        array, others = array.expand_dims(_BAND), [_BAND]
-    return array.transpose(*others, y, x)
-
-
-def rows_first(array: xr.DataArray) -> xr.DataArray:
-    """An array of two dims as (y, x) where it is known which is which, else as it is.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import xarray as xr
-    >>> from tilepipe.io.rasters.sources.arrays import rows_first
-    >>> rows_first(xr.DataArray(np.zeros((5, 4)), dims=("x", "y"))).dims
-    ('y', 'x')
-    """
-    import rioxarray  # noqa: F401
-    from rioxarray.exceptions import MissingSpatialDimensionError
-
-    try:
-        return array.transpose(array.rio.y_dim, array.rio.x_dim)
-    except MissingSpatialDimensionError:
-        return array
 
 
 def _chosen(array: xr.DataArray, name: str, choice: Choice) -> tuple[xr.DataArray, tuple[Packing, ...]]:
@@ -258,35 +207,3 @@ def _transform(array: Any, name: str) -> tuple[float, ...]:
         if steps.size and not np.all(np.abs(steps - steps.mean()) <= _UNEVEN * abs(steps.mean())):
             raise InputError(f"{name}: its {dim} coordinates are not evenly spaced; reindex or resample it first")
     return tuple(array.rio.transform(recalc=True))[:6]
-
-
-def zarr_source(path: str, *, crs: str | None, choice: Choice) -> ArraySource:
-    """A source over the only raster variable of a Zarr store, also of one on a server; errors as for `array_source`."""
-    import xarray as xr
-
-    try:
-        dataset = xr.open_zarr(path, mask_and_scale=False, decode_coords="all", consolidated=False)
-    except ImportError as error:
-        raise InputError(f"{path}: cannot be read without another package: {one_line(error)}") from error
-    except Exception as error:
-        reason = one_line(error)
-        if not is_local(path):
-            raise InputError(
-                f"{path}: is no Zarr store that can be read ({reason}); check the address and the network"
-            ) from error
-        raise InputError(
-            f"{path}: is a folder but no Zarr raster ({reason}); name raster files, or a store that xarray can open"
-        ) from error
-    names = sorted(str(name) for name, item in dataset.data_vars.items() if item.ndim >= 2)
-    if len(names) != 1:
-        found = ", ".join(names) or "none"
-        raise InputError(f"{path}: must hold one raster variable, it holds {found}; keep only one")
-    stored = dataset[names[0]]
-    source = array_source(stored, path, crs=crs, choice=choice)
-    if not is_local(path):
-        return source
-    _, y, x = source.array.dims
-    upside_down = y in stored.coords and bool(stored[y][0] != source.array[y][0])
-    roles: dict[Any, Axis] = {y: "-y" if upside_down else "y", x: "x"}
-    axes = [roles.get(dim, "all") for dim in stored.dims]
-    return replace(source, files=store_files(Path(path), path, names[0], axes))

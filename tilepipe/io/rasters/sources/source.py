@@ -34,9 +34,10 @@ from tilepipe.io.files.paths import (
 from tilepipe.io.rasters.bands import Choice
 from tilepipe.io.rasters.file_bands import bands_of, read_bands
 from tilepipe.io.rasters.georeference import Geometry, check_geometry
-from tilepipe.io.rasters.sources.arrays import ARRAY, array_source, zarr_source
+from tilepipe.io.rasters.sources.arrays import ARRAY, array_source
 from tilepipe.io.rasters.sources.tiff_blocks import end_of_pixels
 from tilepipe.io.rasters.sources.vrt import Behind, files_behind, vrt_text
+from tilepipe.io.rasters.sources.zarr_source import zarr_source
 from tilepipe.tiling.grid import Window
 
 if TYPE_CHECKING:
@@ -222,17 +223,18 @@ def _file_source(name: str, *, crs: str | None, choice: Choice) -> FileSource:
             warnings.simplefilter("ignore", NotGeoreferencedWarning)
             dataset = rasterio.open(path)
         with dataset:
-            if not dataset.count:
-                parts = dataset.subdatasets
+            parts = dataset.subdatasets
+            if len(parts) > 1 or not dataset.count:
+                # of the pages of a TIFF GDAL shows the first, as if it were all
                 which = f"{len(parts)} rasters; write one out first: {_write_out(parts[0])}" if parts else "no raster"
                 raise InputError(f"{name}: holds {which}")
             bands = choice.of(bands_of(dataset), name)
             if any(np.dtype(dataset.dtypes[band - 1]).kind == "c" for band in bands):
                 raise InputError(f"{name}: holds complex numbers; use a raster of real values")
-            # without georeferencing rasterio reports the identity, which is south-up and would confuse the message
+            # what rasterio reports without georeferencing, south-up, which would confuse the message
             transform = dataset.transform
-            if dataset.crs is None and transform.is_identity:
-                raise InputError(f"{name}: has no georeferencing; give it an origin and a pixel size with gdal_edit")
+            if transform.is_identity:
+                raise InputError(f"{name}: {_unplaced(name, dataset)}")
             system = crs_of_dataset(dataset)
             shape, unit = (dataset.height, dataset.width), dataset.units[bands[0] - 1]
             geometry = check_geometry(name, system, tuple(transform)[:6], shape, crs, unit)
@@ -253,6 +255,19 @@ def _file_source(name: str, *, crs: str | None, choice: Choice) -> FileSource:
 def _write_out(name: str) -> str:
     """Command that makes a GeoTIFF of what only a driver of GDAL finds."""
     return f"gdal_translate {shlex.quote(name)} OUT.tif"
+
+
+def _unplaced(name: str, dataset: Any) -> str:
+    """What is wrong with a dataset that has no origin and no pixel size, and what can be done about it."""
+    ties = (
+        ("ground control points", dataset.gcps[0]),
+        ("rational polynomial coefficients", dataset.rpcs),
+        ("geolocation arrays", dataset.tags(ns="GEOLOCATION")),
+    )
+    tied = next((what for what, found in ties if found), None)
+    if tied is not None:
+        return f"is tied to the map by {tied} only; warp it first: gdalwarp -t_srs EPSG:n {shlex.quote(name)} OUT.tif"
+    return "has no georeferencing; give it an origin and a pixel size with gdal_edit"
 
 
 def _unopened(path: str, error: Exception) -> str:
