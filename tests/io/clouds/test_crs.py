@@ -35,7 +35,8 @@ def keys_vlr(keys: dict[int, int]) -> GeoKeyDirectoryVlr:
 def header_with(*records: laspy.VLR, wkt_bit: bool) -> laspy.LasHeader:
     header = laspy.LasHeader(point_format=6, version="1.4")
     header.vlrs.extend(records)
-    header.global_encoding.wkt = wkt_bit
+    # laspy before 2.6 sets the bit and never clears it
+    header.global_encoding.value = header.global_encoding.value & ~16 | wkt_bit << 4
     return header
 
 

@@ -22,6 +22,7 @@ from tilepipe.evaluate.extent import data_extent
 from tilepipe.io.crs.systems import agreed_crs, crs_of_dataset, crs_text, same_crs, split_crs, understood_crs
 from tilepipe.io.files.atomic import atomic_write
 from tilepipe.io.files.paths import side_file
+from tilepipe.io.rasters import raster_crs
 from tilepipe.io.rasters.cog import cog_from_tiled, write_cog
 from tilepipe.io.rasters.georeference import Geometry
 from tilepipe.io.rasters.raster import as_dataarray, open_raster
@@ -215,7 +216,9 @@ def test_a_format_that_takes_kilometres_for_metres_is_refused_before_work(tmp_pa
     assert tilepipe.plan_streets(raster, options=RunOptions(**OPTIONS)).resolution == 0.5
 
 
-def test_a_crs_that_no_raster_holds_is_refused_before_work() -> None:
+def test_a_crs_that_no_raster_holds_is_refused_before_work(monkeypatch: pytest.MonkeyPatch) -> None:
+    # which those are differs from one GDAL to the next
+    monkeypatch.setattr(raster_crs, "_names", lambda *_: False)
     with pytest.raises(InputError, match=r"^a\.tif: GDAL keeps its CRS \(unknown\) in no raster"):
         check_raster_crs(GRIDS, "a.tif")
 
