@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import subprocess
 import sys
@@ -17,7 +18,7 @@ from pyproj import CRS
 from tilepipe.errors import InputError
 from tilepipe.io.clouds.cloud import read_cloud
 from tilepipe.io.clouds.crs import common_crs
-from tilepipe.pipelines.points import plan
+from tilepipe.pipelines.points import plan, recipe
 from tilepipe.pipelines.points.recipe import grid_clouds
 
 
@@ -295,6 +296,28 @@ def test_full_disk_leaves_the_old_result(clouds, tmp_path, limit) -> None:
     assert "cannot write" in shown.stdout
     assert out.read_text() == "old"
     assert not list(tmp_path.glob(".o.tif*"))
+
+
+@pytest.mark.parametrize(
+    ("error", "told"),
+    [
+        (OSError(errno.EIO, "Input/output error"), "cannot write .*o.tif: the disk fails; check it"),
+        (
+            OSError(errno.EMFILE, "Too many open files"),
+            "cannot write .*o.tif: too many files are open; raise the limit",
+        ),
+        (OSError(errno.EFBIG, "File too large"), "cannot write .*o.tif: files there may not grow so large"),
+        (PermissionError(errno.EACCES, "Permission denied", "/elsewhere/x"), "^/elsewhere/x: Permission denied$"),
+        (OSError("a library fails"), "o.tif: a library fails$"),
+    ],
+)
+def test_advice_is_for_what_has_failed(clouds, tmp_path, monkeypatch, error, told) -> None:
+    def fail(*_: object) -> None:
+        raise error
+
+    monkeypatch.setattr(recipe, "grid_tile", fail)
+    with pytest.raises(InputError, match=told):
+        grid_clouds(clouds, tmp_path / "o.tif")
 
 
 def test_progress_reaches_its_totals(clouds, tmp_path) -> None:

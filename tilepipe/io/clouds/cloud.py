@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +14,7 @@ import numpy as np
 from pyproj import CRS
 
 from tilepipe.errors import InputError
+from tilepipe.io.clouds.counts import held_points
 from tilepipe.io.clouds.crs import crs_of_header
 from tilepipe.io.files.identity import Files, files_of
 from tilepipe.io.files.paths import is_local, location, one_line
@@ -100,7 +102,13 @@ def read_cloud(path: str | Path) -> Cloud:
     Raises
     ------
     InputError
-        Naming the file, if it is missing, not a point cloud, without points, or has a header without sense.
+        Naming the file, if it is missing, not a point cloud, without points, or has a header without sense or counts
+        more points than it holds.
+
+    Warns
+    -----
+    UserWarning
+        More points lie in the file than its header counts; these are left out.
 
     Examples
     --------
@@ -124,10 +132,13 @@ def read_cloud(path: str | Path) -> Cloud:
             count = int(header.point_count)
             has_times = "gps_time" in header.point_format.dimension_names
             scales, offsets = header.scales.astype(float), header.offsets.astype(float)
+        held = held_points(path)
     except Exception as error:
         no_cloud = isinstance(error, laspy.LaspyException) and "signature" in str(error)
         reason = "is no point cloud" if no_cloud else one_line(error)
         raise InputError(f"{path}: not a readable LAS, LAZ or COPC file ({reason})") from error
+    if held is not None:
+        _check_count(path, count, *held)
     if count == 0:
         raise InputError(f"{path}: the cloud has no points; leave the file out")
     # the bounding box is not looked at: writers leave it at zero, at that of the tile, or rounded
@@ -135,6 +146,23 @@ def read_cloud(path: str | Path) -> Cloud:
         raise InputError(f"{path}: scales or offsets in the header make no sense; repair it")
     crs, vertical_unit = crs_of_header(header, str(path))
     return Cloud(path, count, tuple(scales.tolist()), tuple(offsets.tolist()), crs, vertical_unit, files, has_times)
+
+
+def _check_count(path: Path, counted: int, least: int, most: int) -> None:
+    """Refuse a file that holds fewer points than its header counts; say where it holds more."""
+    if counted > most:
+        raise InputError(
+            f"{path}: its header counts {counted:,} points but the file holds {most:,}; get a fresh copy, or repair it"
+        )
+    if counted == 0 and least > 0:
+        raise InputError(f"{path}: its header counts no points but the file holds {least:,}; repair the header")
+    if counted < least:
+        holds = f"at least {least:,}" if least < most else f"{least:,}"
+        warnings.warn(
+            f"{path}: its header counts {counted:,} points, and those beyond are left out, but the file holds {holds}; "
+            "repair the header if all of them are meant",
+            stacklevel=3,
+        )
 
 
 def _check_records(path: Path) -> None:

@@ -29,6 +29,10 @@ _REMEDY = {
     errno.ENOENT: "the folder does not exist; create it first",
     errno.ENOTDIR: "its parent is a file, not a folder; choose another folder",
     errno.ENAMETOOLONG: "the name is too long; choose a shorter one",
+    errno.EFBIG: "files there may not grow so large; choose another folder or raise the limit (ulimit -f)",
+    errno.EIO: "the disk fails; check it, or choose another folder",
+    errno.EMFILE: "too many files are open; raise the limit (ulimit -n)",
+    errno.ENFILE: "too many files are open on this machine; close some programs",
 }
 
 _ASIDE = re.compile(r"\.tilepipe-[0-9a-f]{16}\.partial")

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import get_args
 
 from pyproj import CRS
-from rasterio.errors import RasterioError
 
 from tilepipe.errors import InputError
 from tilepipe.io.clouds.cloud import find_clouds
@@ -157,8 +156,9 @@ def grid_clouds(
                 needed = (memory - free + most) / (1 << 20)
                 raise InputError(f"gridding needs {needed:,.0f} MiB of memory; raise --memory to that")
             copies = _grid(plan, scratch, raster, sorted(counts), min(workers, free // most), told)
-    except (OSError, RasterioError) as error:
-        raise InputError(f"cannot write {out}: {error}; check the disk's space and the permissions") from error
+    except OSError as error:
+        # what keeps the result from being written has been said: this is something else
+        raise InputError(f"{error.filename or out}: {error.strerror or error}") from error
     if copies:
         warnings.warn(f"{copies:,} points that several of the clouds hold are counted once", stacklevel=2)
     return out

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import math
 import zlib
 from collections.abc import Iterator
@@ -87,4 +88,4 @@ def _verify(plan: GridPlan, raster: Path, checksums: dict[int, int], workers: in
     ):
         for tile, checksum in checksums.items():
             if zlib.crc32(dataset.read(1, window=plan.window(tile))) != checksum:
-                raise OSError("the raster read back differs from what was written")
+                raise OSError(errno.EIO, "the raster read back differs from what was written")
