@@ -63,7 +63,7 @@ def _read(content: bytes, folder: Path) -> None:
             if len(points):
                 raw_coordinates(points)
                 ticks(cloud, points, "intensity", 1.0)
-                identities(cloud, points, cloud.scales, by_time=cloud.has_times)
+                identities(cloud, points, [cloud])
 
 
 def _mutated(content: bytes, random: Random) -> bytes:

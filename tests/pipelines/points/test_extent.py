@@ -167,3 +167,34 @@ def test_copies_in_a_format_without_times_count_once(scene, tmp_path) -> None:
     with pytest.warns(UserWarning, match=f"^{int((left & right).sum()):,} points that several of the clouds hold"):
         found = grid_clouds(parts, tmp_path / "parts.tif", method="mean")
     np.testing.assert_array_equal(read(found), read(expected))
+
+
+def overlapping(folder, scales, offsets, n=3000):
+    """A cloud and two halves of it with a common strip, which count in steps of their own; the number in the strip."""
+    random = np.random.default_rng(5)
+    x, y, z = random.uniform(0, 60, n), random.uniform(0, 60, n), random.uniform(0, 9, n)
+    times, both = np.arange(float(n)), (x > 20) & (x < 40)
+    for name, own, scale, offset in zip(("a.las", "b.las"), (x < 40, x > 20), scales, offsets, strict=True):
+        kept = {"scale": scale, "offset": (5e5 + offset, 5e6 + offset, offset), "gps_time": times[own]}
+        write(folder / name, 5e5 + x[own], 5e6 + y[own], z[own], **kept)
+    return [folder / "a.las", folder / "b.las"], int(both.sum())
+
+
+@pytest.mark.parametrize(("scales", "offsets"), [((0.01, 0.001), (0, 0)), ((0.01, 0.01), (0, 0.005))])
+def test_clouds_that_overlap_in_other_steps_are_named(tmp_path, scales, offsets) -> None:
+    paths, _ = overlapping(tmp_path, scales, offsets)
+    told = r"a\.las and .*b\.las overlap by 0\.12\d* ha but count coordinates in different steps: points that both hold"
+    with pytest.warns(UserWarning, match=told):
+        grid_clouds(paths, tmp_path / "o.tif", method="mean", resolution=1.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        grid_clouds(paths, tmp_path / "nearest.tif", resolution=1.0)
+
+
+@pytest.mark.parametrize("half", [0.0, 0.005])
+def test_copies_from_other_offsets_are_told_beside_a_coarse_cloud(tmp_path, half) -> None:
+    """Values in the middle between two coarse steps, which rounding might take to either side."""
+    paths, shared = overlapping(tmp_path, (0.001, 0.001), (half, half + 17.0))
+    far = write(tmp_path / "c.las", [5e5 + 100], [5e6 + 100], [1.0], scale=0.01, gps_time=[0.0])
+    with pytest.warns(UserWarning, match=f"^{shared:,} points that several of the clouds hold are counted once"):
+        grid_clouds([*paths, far], tmp_path / "o.tif", method="mean", resolution=1.0)

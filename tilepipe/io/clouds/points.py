@@ -120,22 +120,22 @@ def ticks(cloud: Cloud, points: Any, value: Value, quantum: float) -> NDArray[np
     return np.rint(heights / quantum).astype(np.int32)
 
 
-def identities(
-    cloud: Cloud, points: Any, steps: Sequence[float] | NDArray[np.float64], *, by_time: bool
-) -> NDArray[np.uint64]:
+def identities(cloud: Cloud, points: Any, clouds: Sequence[Cloud]) -> NDArray[np.uint64]:
     """Fingerprints of points by place, return, intensity and GPS time, which their copies in other clouds share.
 
-    ``steps`` are the coarsest scales of all the clouds: the same place, counted from other offsets, is the same
-    number of steps. ``by_time`` is for clouds that all have times: a copy may lie in a cloud of a format without.
+    The place counts in the coarsest steps of all ``clouds``, the time only where all of them have times: a copy may lie
+    in a cloud of a format without.
     """
-    place = [
-        np.rint((np.asarray(raw) * scale + offset) / step).astype(np.int64)
-        for raw, scale, offset, step in zip(
-            (points.X, points.Y, points.Z), cloud.scales, cloud.offsets, steps, strict=True
-        )
-    ]
+    scales, first = np.array([each.scales for each in clouds]), clouds[0]
+    place = []
+    for axis, raw in enumerate((points.X, points.Y, points.Z)):
+        finest, coarsest = scales[:, axis].min(), scales[:, axis].max()
+        # whole numbers of the finest steps first: what lies between two coarse ones then falls to one side
+        shift = cloud.offsets[axis] - first.offsets[axis]
+        steps = np.rint((np.asarray(raw) * cloud.scales[axis] + shift) / finest)
+        place.append(np.rint(steps * finest / coarsest).astype(np.int64))
     fields = [*place, np.asarray(points.return_number), np.asarray(points.intensity)]
-    if by_time:
+    if all(each.has_times for each in clouds):
         # of the two zeros only one is left
         fields.append(np.asarray(points.gps_time, np.float64) + 0.0)
     return fingerprints(*fields)

@@ -102,9 +102,7 @@ def _dealt(plan: GridPlan, number: int, cloud: Cloud, chunk: Chunk) -> _Dealt:
     # what was dealt out are the numbers of the points, which their values and marks follow
     order = points["value"]
     marks = np.empty(len(order), MARK)
-    steps = np.array([each.scales for each in job.clouds]).max(axis=0)
-    by_time = all(each.has_times for each in job.clouds)
-    marks["print"], marks["cloud"] = identities(cloud, read, steps, by_time=by_time)[order], number
+    marks["print"], marks["cloud"] = identities(cloud, read, job.clouds)[order], number
     points["value"] = values[order]
     return points, marks, starts
 

@@ -35,6 +35,8 @@ class Extent:
         Number of points inside.
     boxes
         Of each cloud with points inside, first and last row and column of its cells, shape (clouds, 2, 2).
+    owners
+        Number of the cloud that each box belongs to.
     warning
         Says which points have gone astray and lie outside; None where none has.
     """
@@ -43,6 +45,7 @@ class Extent:
     shape: tuple[int, int]
     points: int
     boxes: Index
+    owners: tuple[int, ...]
     warning: str | None
 
 
@@ -95,11 +98,13 @@ def find_extent(clouds: Sequence[Cloud], survey: Survey, cell: float, resolution
     if cells > max(_MANY_CELLS, _MOST_EMPTY * covered):
         raise InputError(describe.too_empty(~astray, cells, covered))
     (top, left), (bottom, right) = box.tolist()
+    inside = {number: part.box for number, blocks in enumerate(survey.blocks) if (part := _inside(blocks, box))}
     return Extent(
         (top, left),
         (bottom - top + 1, right - left + 1),
         int(places.points[~astray].sum()),
-        np.array([part.box for blocks in survey.blocks if (part := _inside(blocks, box)) is not None]),
+        np.array(list(inside.values())),
+        tuple(inside),
         describe.astray(astray, box) if astray.any() else None,
     )
 

@@ -16,6 +16,7 @@ from tilepipe.io.clouds.cloud import find_clouds
 from tilepipe.io.clouds.points import PointFilter, Returns, Value
 from tilepipe.io.files.atomic import atomic_write, check_replaceable
 from tilepipe.io.files.paths import local_output
+from tilepipe.pipelines.points.copies import told_of_copies
 from tilepipe.pipelines.points.deal import deal_points, grid_tile
 from tilepipe.pipelines.points.extent import Extent, find_extent
 from tilepipe.pipelines.points.in_order import in_order
@@ -105,7 +106,8 @@ def grid_clouds(
     -----
     UserWarning
         Where single points have gone astray and are left out: a hundred times sparser than all others, and so far
-        from them that the raster would be a hundred times larger.  Where clouds share points that count once.
+        from them that the raster would be a hundred times larger.  Where clouds share points that count once, or
+        overlap and count coordinates in different steps, so that not all such points can be told.
 
     Examples
     --------
@@ -147,6 +149,8 @@ def grid_clouds(
     plan = plan_grid(job, extent, survey.heights, free // workers)
     if extent.warning is not None:
         warnings.warn(extent.warning, stacklevel=2)
+    if (copied := told_of_copies(plan)) is not None:
+        warnings.warn(copied, stacklevel=2)
     try:
         with atomic_write(out) as raster:
             scratch = raster.parent
