@@ -329,3 +329,12 @@ def test_a_server_that_does_not_answer(monkeypatch, capsys, tmp_path, good):
     code, error = run(monkeypatch, capsys, "evaluate", "http://127.0.0.1:1/a.gpkg", good)
     assert code == 2
     assert "http://127.0.0.1:1/a.gpkg lies on a server; download it first" in error
+
+
+@pytest.mark.parametrize("name", ["/vsizip/town.zip/a.gpkg", "zip://town.zip!a.gpkg", "/vsitar/town.tar/a.gpkg"])
+def test_what_lies_in_an_archive_is_to_be_unpacked(monkeypatch, capsys, tmp_path, good, name):
+    for arguments in (("evaluate", name, good), ("grid", name, "--out", tmp_path / "o.tif")):
+        code, error = run(monkeypatch, capsys, *arguments)
+        assert (code, len(error.splitlines())) == (2, 1)
+        assert name in error
+        assert "lies in an archive; unpack it first" in error

@@ -235,7 +235,9 @@ def test_a_cloud_that_is_replaced_while_it_is_read_is_named(clouds, tmp_path, be
 
 
 def test_clouds_and_results_lie_on_a_local_disk(clouds, tmp_path) -> None:
-    with pytest.raises(InputError, match=r"https://host/a\.laz: point clouds are read from a local disk"):
+    with pytest.raises(
+        InputError, match=r"https://host/a\.laz: lies on a server; download it first, for point clouds are read from"
+    ):
         grid_clouds(["https://host/a.laz"], tmp_path / "out.tif")
     with pytest.raises(InputError, match=r"s3://bucket/out\.tif: results are written to a local disk"):
         grid_clouds(clouds, "s3://bucket/out.tif")

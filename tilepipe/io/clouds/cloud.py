@@ -17,7 +17,7 @@ from tilepipe.errors import InputError
 from tilepipe.io.clouds.counts import held_points
 from tilepipe.io.clouds.crs import crs_of_header
 from tilepipe.io.files.identity import Files, files_of
-from tilepipe.io.files.paths import is_local, location, one_line
+from tilepipe.io.files.paths import elsewhere, is_local, location, one_line
 
 _HEADER, _RECORD, _EXTENDED_RECORD = 375, 54, 60
 """Bytes of the header of LAS 1.4, and of the heads of its records (LAS 1.4 R15, tables 3, 8 and 9)."""
@@ -84,7 +84,7 @@ def find_clouds(paths: Sequence[str | Path]) -> list[Path]:
     found: set[Path] = set()
     for named in paths:
         if not is_local(named):
-            raise InputError(f"{location(named)}: point clouds are read from a local disk; download it first")
+            raise InputError(f"{location(named)}: {elsewhere(named)}, for point clouds are read from a local disk")
         path = Path(location(named))
         if path.is_dir():
             inside = [file.resolve() for file in path.iterdir() if file.suffix.lower() in (".las", ".laz")]

@@ -71,6 +71,23 @@ def is_local(item: str | os.PathLike[str]) -> bool:
     return _SCHEME.match(text) is None and not text.startswith("/vsi")
 
 
+def elsewhere(item: str | os.PathLike[str]) -> str:
+    """Where something lies that is no path of this machine's file system, and what makes it one, for messages.
+
+    Examples
+    --------
+    >>> from tilepipe.io.files.paths import elsewhere
+    >>> elsewhere("https://host/a.gpkg")
+    'lies on a server; download it first'
+    >>> elsewhere("/vsizip/a.zip/a.gpkg")
+    'lies in an archive; unpack it first'
+    """
+    text = location(item)
+    if text.lower().startswith("zip:") or (_ARCHIVE.match(text) and not is_remote(text)):
+        return "lies in an archive; unpack it first"
+    return "lies on a server; download it first" if is_remote(text) else "is no file; write it to one first"
+
+
 def is_of_driver(item: str | os.PathLike[str]) -> bool:
     """Whether a name is no path but one that only a driver of GDAL understands.
 

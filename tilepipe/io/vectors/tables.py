@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from tilepipe.errors import InputError
 from tilepipe.io.crs.ground import TABLES, Bounds, ground_metres
 from tilepipe.io.crs.systems import same_crs, split_crs, understood_crs
-from tilepipe.io.files.paths import is_local, location
+from tilepipe.io.files.paths import elsewhere, is_local, location
 from tilepipe.io.vectors.vector_files import read_vector_file
 
 if TYPE_CHECKING:
@@ -121,7 +121,7 @@ def read_layer(source: str | os.PathLike[str] | VectorLayer, role: str, layer: s
         return source
     path, name = Path(source), f"{role} {location(source)}"
     if not is_local(source):
-        raise InputError(f"the {name} lies on a server; download it first and name the file")
+        raise InputError(f"the {name} {elsewhere(source)} and name the file")
     if is_folder(path):
         raise InputError(f"the {name} is a folder; name a file in it")
     if not path.exists():
