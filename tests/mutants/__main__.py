@@ -12,12 +12,12 @@ from dataclasses import replace
 from pathlib import Path
 from queue import SimpleQueue
 
-from tests.mutants.checkout import ROOT, copied
+from tests.mutants.checkout import ROOT
 from tests.mutants.covering import Covering, kept_file, measured
 from tests.mutants.judged import judgements, outdated
 from tests.mutants.making import Mutant, mutants, sample
 from tests.mutants.page import page
-from tests.mutants.trials import KILLED, SURVIVED, Outcome, Trials, failing, from_line, to_line
+from tests.mutants.trials import KILLED, SURVIVED, Outcome, Trials, failing, from_line, to_line, trials
 
 PATHS = ["tilepipe/engine", "tilepipe/io", "tilepipe/tiling"]
 PAGE = ROOT / "benchmarks" / "results" / "mutants.md"
@@ -62,14 +62,14 @@ def _tried(todo: list[tuple[Mutant, str]], covering: Covering, seconds: float, j
     with ExitStack() as stack, open(notes, "a") as file:
         free: SimpleQueue[Trials] = SimpleQueue()
         for _ in range(jobs):
-            free.put(Trials(stack.enter_context(copied()), covering, seconds))
+            free.put(stack.enter_context(trials(ROOT, covering, seconds)))
 
         def outcome(mutant: Mutant, mutated: str) -> Outcome:
-            trials = free.get()
+            here = free.get()
             try:
-                return trials.outcome(mutant, mutated)
+                return here.outcome(mutant, mutated)
             finally:
-                free.put(trials)
+                free.put(here)
 
         pool = stack.enter_context(ThreadPoolExecutor(jobs))
         running = {mutant: pool.submit(outcome, mutant, mutated) for mutant, mutated in todo if mutant not in done}

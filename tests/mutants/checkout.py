@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -14,6 +15,12 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 ROOT = Path(__file__).resolve().parents[2]
+
+QUIET = ("-p", "no:cacheprovider", "--no-header", "-q", "--tb=no", "-rfE")
+"""Arguments of pytest by which it leaves nothing behind and says only what fails."""
+
+FAILED = re.compile(r"^(?:FAILED|ERROR) (\S.*?)(?: - .*)?$", re.MULTILINE)
+"""Tests that fail, in what pytest says."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +53,7 @@ def copied(root: Path = ROOT) -> Iterator[Path]:
 def _compile(copy: Path) -> None:
     """Compile all modules, to be found by their text: a mutant may have the size and the time of its original."""
     command = [sys.executable, "-m", "compileall", "-q", "--invalidation-mode", "checked-hash", str(copy)]
-    subprocess.run(command, check=True, env=_environment(copy))
+    subprocess.run(command, check=True, env=environment(copy))
 
 
 def run_tests(
@@ -65,11 +72,11 @@ def run_tests(
     variables
         Of the environment, besides those of this process.
     """
-    command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "--no-header", "-q", "--tb=no", *arguments]
+    command = [sys.executable, "-m", "pytest", *QUIET, *arguments]
     process = subprocess.Popen(
         command,
         cwd=copy,
-        env=_environment(copy) | (variables or {}),
+        env=environment(copy) | (variables or {}),
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
@@ -91,7 +98,12 @@ def _end(process: subprocess.Popen[str]) -> None:
     process.wait()
 
 
-def _environment(copy: Path) -> dict[str, str]:
-    # with CI set, Hypothesis draws the same examples in each run
-    own = {"PYTHONPATH": os.pathsep.join([str(copy), str(copy / "kernels")]), "CI": "1"}
+def environment(copy: Path) -> dict[str, str]:
+    """Variables with which the tests of a copy run."""
+    # with CI set, Hypothesis draws the same examples in each run; plugins take longer to load than most tests to run
+    own = {
+        "PYTHONPATH": os.pathsep.join([str(copy), str(copy / "kernels")]),
+        "CI": "1",
+        "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1",
+    }
     return {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"} | own

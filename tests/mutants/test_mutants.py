@@ -14,7 +14,7 @@ from tests.mutants.judged import Judgement, equivalent, judgements, outdated
 from tests.mutants.making import Mutant, made, mutants, sample
 from tests.mutants.page import page, wilson
 from tests.mutants.places import never_run, place
-from tests.mutants.trials import KILLED, LATE, SURVIVED, UNCOVERED, Outcome, Trials, failing, from_line, to_line
+from tests.mutants.trials import KILLED, LATE, SURVIVED, UNCOVERED, Outcome, failing, from_line, to_line
 
 MODULE = """from __future__ import annotations
 
@@ -75,15 +75,15 @@ def test_that_fails():
 
 @pytest.fixture(scope="module")
 def tiny(tmp_path_factory):
-    """A tiny checkout and its lines; its pytest loads no plugins, which takes longer than the tests."""
     root = tmp_path_factory.mktemp("tiny") / "tiny"
     root.mkdir()
     (root / "small.py").write_text(MODULE)
     (root / "test_small.py").write_text(TESTS)
     subprocess.run(["git", "init", "-q"], cwd=root, check=True)
-    with pytest.MonkeyPatch.context() as patch, copied(root) as copy:
-        patch.setenv("PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1")
-        yield copy, from_table(measure(copy, ".", ["test_small.py"]))
+    with copied(root) as copy:
+        covering = from_table(measure(copy, ".", ["test_small.py"]))
+    with trials.trials(root, covering, 60) as here:
+        yield here
 
 
 def names(tests):
@@ -91,7 +91,7 @@ def names(tests):
 
 
 def test_lines_know_the_tests_that_run_them(tiny):
-    _, covering = tiny
+    covering = tiny.covering
     assert names(covering.seconds) == {"begun", "first", "second", "another_process"}
     assert names(covering.tests("small.py", [7])) == {"first", "another_process"}
     assert names(covering.tests("small.py", [21])) == {"first", "second"}  # by the fixture of the module
@@ -118,20 +118,16 @@ def test_fastest_tests_come_first_and_those_of_a_file_together():
 )
 def test_a_mutant_ends_as_its_tests_say(tiny, monkeypatch, line, before, after, ended, by):
     monkeypatch.setattr(trials, "_SHORTEST", 2.0)
-    copy, covering = tiny
-    outcome = Trials(copy, covering, 60).outcome(
-        Mutant("small.py", line, "by hand", 0), MODULE.replace(before, after, 1)
-    )
+    outcome = tiny.outcome(Mutant("small.py", line, "by hand", 0), MODULE.replace(before, after, 1))
     assert outcome.ended == ended
     assert names([outcome.by]) <= by
-    assert (copy / "small.py").read_text() == MODULE
+    assert (tiny.copy / "small.py").read_text() == MODULE
     assert from_line(to_line(outcome)) == outcome
 
 
 def test_what_a_failing_test_says_does_not_count(tiny):
-    copy, _ = tiny
-    assert names(failing(copy, ["test_small.py::test_begun", "test_small.py::test_that_fails"])) == {"that_fails"}
-    assert names(failing(copy, ["test_small.py::test_begun", "test_small.py::test_gone"])) == {"begun", "gone"}
+    assert names(failing(tiny.copy, ["test_small.py::test_begun", "test_small.py::test_that_fails"])) == {"that_fails"}
+    assert names(failing(tiny.copy, ["test_small.py::test_begun", "test_small.py::test_gone"])) == {"begun", "gone"}
 
 
 def test_places():

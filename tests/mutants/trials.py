@@ -5,12 +5,14 @@ from __future__ import annotations
 import ast
 import json
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from tests.mutants.checkout import run_tests
+from tests.mutants.checkout import FAILED, QUIET, copied, environment, run_tests
 from tests.mutants.covering import Covering
+from tests.mutants.forks import Forks, forks
 from tests.mutants.making import Mutant
 from tests.mutants.places import place
 
@@ -22,7 +24,6 @@ _SHORTEST, _TIMES = 30.0, 10.0
 _START = 120.0
 """Seconds that pytest has to find its tests."""
 
-_FAILED = re.compile(r"^(?:FAILED|ERROR) (\S.*?)(?: - .*)?$", re.MULTILINE)
 _TOO_LONG = re.compile(r"^Timeout \(", re.MULTILINE)
 
 
@@ -47,12 +48,15 @@ class Trials:
         Which tests run which lines.
     seconds
         Of tests for one mutant: those of its line, and again as many of its file where it survives them.
+    forks
+        Run the tests.
     """
 
-    def __init__(self, copy: Path, covering: Covering, seconds: float) -> None:
+    def __init__(self, copy: Path, covering: Covering, seconds: float, forks: Forks) -> None:
         self.copy = copy
         self.covering = covering
         self.seconds = seconds
+        self.forks = forks
 
     def outcome(self, mutant: Mutant, mutated: str) -> Outcome:
         """Try a mutant; the copy is as before afterwards.
@@ -91,12 +95,19 @@ class Trials:
         total = _START + longest + _TIMES * sum(self.covering.seconds[test] for test in tests)
         listed = self.copy.parent / "tests.txt"
         listed.write_text("\n".join(tests))
-        ended = run_tests(self.copy, ["-x", "-rfE", *limits, f"@{listed}"], seconds=total)
-        if ended.code == 0:
+        code, said = self.forks.run([*QUIET, "-x", *limits, f"@{listed}"], total)
+        if code == 0:
             return None
-        found = _FAILED.search(ended.said)
-        late = ended.code is None or _TOO_LONG.search(ended.said)
+        found = FAILED.search(said)
+        late = code is None or _TOO_LONG.search(said)
         return LATE if late else KILLED, found[1] if found else ""
+
+
+@contextmanager
+def trials(root: Path, covering: Covering, seconds: float) -> Iterator[Trials]:
+    """Trials in a copy of a checkout, which goes away."""
+    with copied(root) as copy, forks(copy, environment(copy)) as forking:
+        yield Trials(copy, covering, seconds, forking)
 
 
 def failing(copy: Path, tests: Iterable[str]) -> set[str]:
@@ -106,8 +117,8 @@ def failing(copy: Path, tests: Iterable[str]) -> set[str]:
         return set()
     listed = copy.parent / "tests.txt"
     listed.write_text("\n".join(wanted))
-    ended = run_tests(copy, ["-rfE", f"@{listed}"])
-    return set(_FAILED.findall(ended.said)) if ended.code in (0, 1) else set(wanted)
+    ended = run_tests(copy, [f"@{listed}"])
+    return set(FAILED.findall(ended.said)) if ended.code in (0, 1) else set(wanted)
 
 
 def to_line(outcome: Outcome) -> str:
