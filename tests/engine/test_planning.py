@@ -79,6 +79,9 @@ def test_more_pixels_tiles_and_seams_need_more() -> None:
     # a seam has two sides
     short, long = (plan(1, shape=(rows, 1000), tile=500) for rows in (100, 200))
     assert (short.tiles, long.tiles) == (2, 2) and long.seam_memory - short.seam_memory == 100 * 2 * 160
+    # and a tile has an entry in the ledger
+    three = plan(1, shape=(100, 1500), tile=500)
+    assert three.seam_memory - short.seam_memory == 100 * 2 * 160 + (64 << 10)
     wider = plan(1, shape=(SHAPE[0], 2 * SHAPE[1]))
     assert wider.export_memory - usual.export_memory == SHAPE[1] * (16 << 10)
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
-from tests.mutants.places import never_run
+from tests.mutants.places import of_no_effect
 
 _IDENTITY = ("Eq_Is", "Is_Eq", "NotEq_IsNot", "IsNot_NotEq")
 """Equality for identity and back: which equal constants are one object is up to the interpreter."""
@@ -48,13 +48,13 @@ def mutants(root: Path, path: str) -> list[Mutant]:
     from cosmic_ray.ast import ast_nodes, get_ast
 
     text = (root / path).read_text()
-    unrun = never_run(ast.parse(text), text)
+    left_out = of_no_effect(ast.parse(text), text)
     nodes = list(ast_nodes(get_ast(text)))
     found = []
     for name, operator in _operators().items():
         places = (place for node in nodes for place in operator.mutation_positions(node))
         for occurrence, (begin, _) in enumerate(places):
-            if not any(first <= begin < last for first, last in unrun):
+            if not any(first <= begin < last for first, last in left_out):
                 found.append(Mutant(path, begin[0], name, occurrence))
     return sorted(found, key=lambda mutant: (mutant.line, mutant.operator, mutant.occurrence))
 

@@ -1,4 +1,4 @@
-"""Where a line stands: its statement, whether importing runs it, and what of it is never run at all."""
+"""Where a line stands: its statement, whether importing runs it, and what of it changes nothing that runs."""
 
 from __future__ import annotations
 
@@ -49,11 +49,11 @@ def place(tree: ast.Module, line: int) -> Place:
     return Place(frozenset(own), next(filter(None, map(_lines_of_functions, scopes)), frozenset()))
 
 
-def never_run(tree: ast.Module, text: str) -> list[tuple[_Position, _Position]]:
-    """Begin and end (line from 1, column of characters) of what a program does not run.
+def of_no_effect(tree: ast.Module, text: str) -> list[tuple[_Position, _Position]]:
+    """Begin and end (line from 1, column of characters) of what changes nothing that a right program does.
 
-    These are annotations, which ``from __future__ import annotations`` leaves as text, and what only checkers of
-    types read, below ``if TYPE_CHECKING``.
+    These are annotations, which ``from __future__ import annotations`` leaves as text, what only checkers of
+    types read, below ``if TYPE_CHECKING``, and ``strict`` of `zip`, which asserts that lengths agree.
     """
     found: list[ast.AST] = []
     for node in ast.walk(tree):
@@ -63,6 +63,8 @@ def never_run(tree: ast.Module, text: str) -> list[tuple[_Position, _Position]]:
             found.append(node.returns)
         elif isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING":
             found.append(node)
+        elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "zip":
+            found.extend(each.value for each in node.keywords if each.arg == "strict")
     lines = text.splitlines()
     return [(_characters(lines, *_begin(node)), _characters(lines, *_end(node))) for node in found]
 

@@ -13,7 +13,7 @@ from tests.mutants.covering import Covering, from_table, measure
 from tests.mutants.judged import Judgement, equivalent, judgements, outdated
 from tests.mutants.making import Mutant, made, mutants, sample
 from tests.mutants.page import page, wilson
-from tests.mutants.places import never_run, place
+from tests.mutants.places import of_no_effect, place
 from tests.mutants.trials import KILLED, LATE, SURVIVED, UNCOVERED, Outcome, failing, from_line, to_line
 
 MODULE = """from __future__ import annotations
@@ -142,7 +142,7 @@ def test_places():
         "                n)\n"
         "        except E:\n"
         "            pass\n"
-        "def h(é: 'ö' | 1): return é\n"
+        "def h(é: 'ö' | 1): return zip(é, strict=True)\n"
     )
     tree = ast.parse(text)
     assert place(tree, 8).lines == {7, 8}
@@ -150,8 +150,8 @@ def test_places():
     assert place(tree, 9).lines == {9}
     assert place(tree, 4).scope == place(tree, 3).scope == set(range(6, 11))
     assert place(tree, 1).scope == {*range(6, 11), 11}
-    spans = [(begin, end) for begin, end in never_run(tree, text) if begin[0] == 11]
-    assert spans == [((11, 9), (11, 16))]
+    spans = [(begin, end) for begin, end in of_no_effect(tree, text) if begin[0] == 11]
+    assert spans == [((11, 9), (11, 16)), ((11, 40), (11, 44))]
 
 
 def test_every_operator_but_those_of_what_never_runs(tmp_path):

@@ -12,6 +12,7 @@ import shapely
 from tests.report.fabricated import make_run
 from tests.scenes import write_raster
 from tilepipe.errors import InputError
+from tilepipe.io.files.manifest import Written
 from tilepipe.io.rasters.cog import cog_from_tiled, write_cog
 from tilepipe.io.rasters.georeference import Geometry
 from tilepipe.io.vectors.formats import convert, write_table
@@ -74,3 +75,19 @@ def test_a_raster_leaves_its_neighbours(tmp_path: Path) -> None:
     write_cog(tmp_path / "a.tif", lambda window: np.ones(window.shape, np.uint8), "uint8", geometry, nodata=0)
     assert (tmp_path / "a.tiled.tif").read_text() == "mine"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.tif", "a.tiled.tif"]
+
+
+def test_any_other_content_of_the_same_size_is_another_file(tmp_path: Path) -> None:
+    path = tmp_path / "a"
+    path.write_bytes(b"0")
+    first = Written.of(path)
+    assert first.lies_in(tmp_path)
+    others = [bytes([value]) for value in range(49, 58)]
+    for content in others:
+        path.write_bytes(content)
+        assert not first.lies_in(tmp_path), content
+    # checksums on both sides
+    assert {Written.of(path).crc32 < first.crc32 for content in others if path.write_bytes(content)} == {True, False}
+    for content in (b"", b"00"):
+        path.write_bytes(content)
+        assert not Written("a", 1, Written.of(path).crc32).lies_in(tmp_path)

@@ -6,9 +6,14 @@ import re
 import subprocess
 import sys
 import time
+import urllib.error
+import urllib.request
 import zipfile
 from collections.abc import Iterator
+from contextlib import nullcontext
+from email.message import Message
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,6 +25,7 @@ from tilepipe.errors import InputError
 from tilepipe.io.files.atomic import atomic_write
 from tilepipe.io.files.identity import ChangedInputError
 from tilepipe.io.files.paths import absolute_name, gdal_name, local_output, location
+from tilepipe.io.files.remote import remote_state
 from tilepipe.io.rasters.raster import open_raster
 
 
@@ -171,3 +177,39 @@ def test_results_go_to_a_local_disk(out, tmp_path, monkeypatch):
     with pytest.raises(InputError, match="results are written to a local disk"), atomic_write(out):
         pass
     assert not any(tmp_path.iterdir())
+
+
+def test_only_the_archive_in_a_name_is_made_absolute(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with zipfile.ZipFile("a.zip", "w"):
+        pass
+    assert absolute_name("/vsizip/a.zip/a.zip/b.tif") == f"/vsizip/{tmp_path}/a.zip/a.zip/b.tif"
+    assert absolute_name("/vsizip/gone.zip/b.tif") == "/vsizip/gone.zip/b.tif"
+
+
+@pytest.mark.parametrize(
+    ("answer", "state"),
+    [
+        (404, (-1, 0, "")),
+        (410, (-1, 0, "")),
+        (403, (0, 0, "")),
+        (500, (0, 0, "")),
+        (OSError("no route"), (0, 0, "")),
+        ({"Content-Range": "bytes 0-0/17", "Content-Length": "1"}, (17, 0, "")),
+        ({"Content-Length": "17", "ETag": "x"}, (17, 0, "x")),
+        ({"Content-Range": "bytes 0-0/*"}, (0, 0, "")),
+        ({"Content-Length": "1", "Last-Modified": "Thu, 01 Jan 1970 00:00:05 GMT"}, (1, 5_000_000_000, "")),
+        ({"Content-Length": "1", "Last-Modified": "yesterday"}, (1, 0, "")),
+    ],
+)
+def test_what_is_known_of_a_file_on_a_server(monkeypatch, answer, state):
+    def urlopen(request, timeout):
+        assert request.full_url == "https://host/a%20b.tif"
+        if isinstance(answer, Exception):
+            raise answer
+        if isinstance(answer, int):
+            raise urllib.error.HTTPError(request.full_url, answer, "", Message(), None)
+        return nullcontext(SimpleNamespace(headers=answer))
+
+    monkeypatch.setattr(urllib.request, "urlopen", urlopen)
+    assert remote_state("/vsicurl/https://host/a b.tif") == state

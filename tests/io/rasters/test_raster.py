@@ -23,7 +23,7 @@ import tilepipe
 from tests.scenes import write_raster
 from tilepipe.errors import InputError
 from tilepipe.io.rasters.raster import Member, Raster, as_dataarray, check_aligned, open_raster
-from tilepipe.io.rasters.sources.source import FileSource
+from tilepipe.io.rasters.sources.source import FileSource, _unreadable
 from tilepipe.tiling.grid import Window
 
 LEFT, TOP = 500000.0, 5000000.0
@@ -603,3 +603,17 @@ def test_a_raster_can_be_sent(tmp_path):
     assert again.geometry == raster.geometry
     assert same(whole(again), whole(raster))
     assert same(whole(again), np.hstack([numbers()] * 3))
+
+
+@pytest.mark.parametrize(
+    ("path", "advice"),
+    [
+        ("a.tif", "copy the file anew"),
+        ("/vsizip/a.zip/b.tif", "pack the file anew"),
+        ("/vsizip//work/a.zip/b.tif", "pack the file anew"),
+        ("/vsizip//data/a.zip/b.tif", "pack the file anew"),
+        ("/vsicurl/https://host/a.tif", "check the network and run the same command again"),
+    ],
+)
+def test_what_can_be_done_about_a_damaged_file(path, advice):
+    assert _unreadable(path, "rows 0:7", RuntimeError("why")).endswith(advice)

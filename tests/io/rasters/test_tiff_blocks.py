@@ -69,3 +69,15 @@ def test_a_huge_empty_raster_takes_no_time(tmp_path) -> None:
     start = time.perf_counter()
     assert end_of_pixels(path) <= path.stat().st_size
     assert time.perf_counter() - start < 5
+
+
+@pytest.mark.parametrize("layout", LAYOUTS.values(), ids=LAYOUTS)
+def test_however_much_is_missing_there_must_be_more(tmp_path, layout) -> None:
+    path, part = tmp_path / "a.tif", tmp_path / "part.tif"
+    values = np.random.default_rng(0).integers(0, 9, (2, 100, 130), dtype=np.uint8)
+    with rasterio.open(path, "w", driver="GTiff", width=130, height=100, count=2, dtype="uint8", **layout) as dataset:
+        dataset.write(values)
+    content, size = path.read_bytes(), end_by_blocks(path)
+    for missing in (*range(1, 200), *range(200, size - 8, 101), *range(size - 1200, size - 7)):
+        part.write_bytes(content[: size - missing])
+        assert end_of_pixels(part) > size - missing, missing

@@ -209,6 +209,33 @@ def test_one_band_of_a_photograph_is_void_as_gdal_says(tmp_path, photograph):
     assert np.array_equal(np.isnan(open_raster([path], band=3).read(WHOLE)), COLLAR)
 
 
+def test_each_band_has_a_type_a_scale_and_a_nodata_value_of_its_own(tmp_path):
+    """GDAL's VRT may hold bands that have nothing in common."""
+    kinds, nodata, scales, offsets = ("uint8", "int16", "float32"), (3, -7, 0.5), (1, 2, 0.25), (0, 10, -5)
+    bands, stored = [], []
+    for number, kind in enumerate(kinds):
+        values = image(number + 1)[0].astype(kind)
+        values[number, : number + 2] = nodata[number]
+        write(tmp_path / f"{number}.tif", values[None])
+        stored.append(values.astype(np.float64))
+        gdal = ("Byte", "Int16", "Float32")[number]
+        bands.append(
+            f'<VRTRasterBand dataType="{gdal}" band="{number + 1}"><NoDataValue>{nodata[number]}</NoDataValue>'
+            f"<Scale>{scales[number]}</Scale><Offset>{offsets[number]}</Offset><SimpleSource>"
+            f'<SourceFilename relativeToVRT="1">{number}.tif</SourceFilename><SourceBand>1</SourceBand>'
+            "</SimpleSource></VRTRasterBand>"
+        )
+    (tmp_path / "a.vrt").write_text(
+        f'<VRTDataset rasterXSize="{SHAPE[1]}" rasterYSize="{SHAPE[0]}"><SRS>EPSG:32633</SRS>'
+        f"<GeoTransform>500000, 1, 0, 5000000, 0, -1</GeoTransform>{''.join(bands)}</VRTDataset>"
+    )
+    for number in range(3):
+        void = stored[number] == nodata[number]
+        expected = np.where(void, np.nan, stored[number] * scales[number] + offsets[number])
+        read = next(iter(open_raster([tmp_path / "a.vrt"], band=number + 1).read_bands(WHOLE)))
+        assert np.array_equal(read, expected.astype(np.float32), equal_nan=True), kinds[number]
+
+
 @pytest.mark.parametrize("wrong", [-9999, np.nan, np.inf])
 def test_what_is_no_colour_in_one_band_makes_the_pixel_void(tmp_path, wrong):
     values = image(3, "float32")
@@ -447,3 +474,20 @@ def test_any_window_is_a_slice_of_the_whole(tmp_path, photograph):
     with rasterio.open(path) as file:
         mask = file.dataset_mask(window=FileWindow(2, 3, 10, 6))
     assert np.array_equal(np.isnan(part[0]), mask == 0)
+
+
+@pytest.mark.parametrize("entries", [1, 2, 3])
+def test_an_index_beyond_a_palette_has_no_colour(tmp_path, entries):
+    write(tmp_path / "a.tif", (np.arange(SHAPE[0] * SHAPE[1]).reshape(SHAPE) % 5).astype(np.uint8)[None])
+    table = "".join(f'<Entry c1="{10 + entry}" c2="20" c3="30" c4="255"/>' for entry in range(entries))
+    (tmp_path / "a.vrt").write_text(
+        f'<VRTDataset rasterXSize="{SHAPE[1]}" rasterYSize="{SHAPE[0]}"><SRS>EPSG:32633</SRS>'
+        "<GeoTransform>500000, 1, 0, 5000000, 0, -1</GeoTransform>"
+        f'<VRTRasterBand dataType="Byte" band="1"><ColorInterp>Palette</ColorInterp><ColorTable>{table}</ColorTable>'
+        '<SimpleSource><SourceFilename relativeToVRT="1">a.tif</SourceFilename><SourceBand>1</SourceBand>'
+        "</SimpleSource></VRTRasterBand></VRTDataset>"
+    )
+    indices = np.arange(SHAPE[0] * SHAPE[1]).reshape(SHAPE) % 5
+    raster = open_photograph([tmp_path / "a.vrt"], crs=None, band=None, grey="automatic").raster
+    red = next(iter(raster.read_bands(WHOLE)))
+    assert np.array_equal(red, np.where(indices < entries, 10 + indices, np.nan), equal_nan=True)
