@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import itertools
 import struct
 import warnings
 from pathlib import Path
 
 import laspy
+import lazrs
 import numpy as np
 import pytest
+import rasterio
 
 from tilepipe.errors import InputError
 from tilepipe.io.clouds.cloud import read_cloud
@@ -93,4 +96,31 @@ def test_chunks_of_laz_are_counted_by_their_table(tmp_path) -> None:
         read_cloud(path)
     count(path, 100_001)
     with pytest.raises(InputError, match="but the file holds 100,000"):
+        read_cloud(path)
+
+
+def test_a_copc_file_is_read_as_the_las_file_of_its_points(tmp_path) -> None:
+    """Its chunks, the nodes of an octree, have each a number of points of its own."""
+    plain = write(tmp_path / "a.las", 6)
+    cloud, path, ends = laspy.read(plain), tmp_path / "a.copc.laz", [0, 300, 800, POINTS]
+    described = lazrs.LazVlr.new_for_compression(6, 0, True)
+    header = cloud.header
+    header.are_points_compressed = True
+    header.vlrs.insert(0, laspy.VLR("copc", 1, "info", bytes(160)))
+    header.vlrs.append(laspy.VLR("laszip encoded", 22204, "", described.record_data()))
+    records = cloud.points.array.view(np.uint8).reshape(POINTS, -1)
+    with path.open("wb") as file:
+        header.write_to(file)
+        writer = lazrs.ParLasZipCompressor(file, described)
+        writer.compress_chunks([records[a:b].ravel() for a, b in itertools.pairwise(ends)])
+        writer.done()
+    assert held_points(path) == (POINTS, POINTS)
+    rasters = [
+        grid_clouds([each], tmp_path / f"{each.name}.tif", crs="EPSG:32633", method="mean", resolution=2.0)
+        for each in (plain, path)
+    ]
+    expected, found = (rasterio.open(each).read(1) for each in rasters)
+    assert np.array_equal(found, expected, equal_nan=True)
+    count(path, 1200)
+    with pytest.raises(InputError, match="its header counts 1,200 points but the file holds 1,000"):
         read_cloud(path)

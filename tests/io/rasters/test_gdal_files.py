@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import rasterio
 import zarr
+from pyproj import CRS
 from rasterio.control import GroundControlPoint
 from rasterio.errors import NotGeoreferencedWarning
 from rasterio.transform import from_origin
@@ -105,6 +106,17 @@ def test_the_fill_value_of_format_3_is_nodata_unless_it_is_the_default(tmp_path,
         expected[expected == fill] = np.nan
     assert raster.geometry.crs == "EPSG:32631"
     assert np.array_equal(found, expected, equal_nan=True)
+
+
+@pytest.mark.parametrize("form", ["url", "wkt", "projjson"])
+def test_any_form_of_the_crs_that_gdal_writes(tmp_path, form):
+    crs = CRS("EPSG:2056")
+    named = {"url": "http://www.opengis.net/def/crs/EPSG/0/2056", "wkt": crs.to_wkt(), "projjson": crs.to_json_dict()}
+    path = zarr_3(tmp_path / "a.zarr", 0, _CRS={form: named[form]})
+    assert open_raster([path]).geometry.crs == "EPSG:2056"
+    zarr_3(path, 0, _CRS={form: "nowhere"})
+    with pytest.raises(InputError, match=r"a\.zarr: CRS 'nowhere' is not understood|no CRS is named 'nowhere'"):
+        open_raster([path])
 
 
 @pytest.mark.parametrize("dims", [("lat", "lon"), ("Latitude", "Longitude")])
