@@ -19,7 +19,15 @@ from tests.parameters import street_parameters
 from tilepipe.engine.options import RunOptions
 from tilepipe.errors import InputError
 from tilepipe.evaluate.extent import data_extent
-from tilepipe.io.crs.systems import agreed_crs, crs_of_dataset, crs_text, same_crs, split_crs, understood_crs
+from tilepipe.io.crs.systems import (
+    agreed_crs,
+    crs_of_dataset,
+    crs_text,
+    same_crs,
+    split_crs,
+    unbound_crs,
+    understood_crs,
+)
 from tilepipe.io.files.atomic import atomic_write
 from tilepipe.io.files.paths import side_file
 from tilepipe.io.rasters import raster_crs
@@ -251,3 +259,10 @@ def test_a_code_is_a_code_though_rasterio_and_pyproj_describe_it_differently(tmp
     # a map that says it is that of a code, and is another, is not taken for it
     other = re.sub(r'("False easting",)', r"\g<1>1", wkt)
     assert other != wkt and crs_text(understood_crs(other, "--crs")) != code
+
+
+def test_only_the_way_to_another_system_is_taken_away():
+    plain = CRS("EPSG:25831")
+    assert unbound_crs(plain) is plain
+    bound = CRS("+proj=utm +zone=31 +ellps=intl +towgs84=-87,-98,-121")
+    assert bound.is_bound and unbound_crs(bound) == bound.source_crs

@@ -81,3 +81,22 @@ def test_an_axis_is_named_by_its_length_not_by_its_word() -> None:
     assert unit_name(axis("foot", SURVEY_FOOT)) == "US survey foot"
     assert unit_name(axis("Foot_US", SURVEY_FOOT)) in ("Foot_US", "US survey foot")
     assert unit_metres(unit_name(axis("ell", 0.6858))) == pytest.approx(0.6858)
+
+
+@pytest.mark.parametrize(
+    ("prefix", "symbol", "factor"),
+    # of the prefixes of the SI (BIPM 2019, table 7) those that occur with lengths on the ground
+    [
+        ("kilo", "k", 1e3),
+        ("hecto", "h", 1e2),
+        ("deca", "da", 1e1),
+        ("", "", 1e0),
+        ("deci", "d", 1e-1),
+        ("centi", "c", 1e-2),
+        ("milli", "m", 1e-3),
+        ("micro", "µ", 1e-6),
+    ],
+)
+def test_metres_with_prefixes(prefix: str, symbol: str, factor: float) -> None:
+    for name in (f"{prefix}metre", f"{prefix}meters", f"{symbol}m"):
+        assert unit_metres(name) == factor, name

@@ -13,7 +13,7 @@ import zarr
 
 from tests.io.rasters.test_raster import grid_array, numbers, write_raster
 from tilepipe.io.files import identity
-from tilepipe.io.files.identity import ChangedInputError, Files, files_of
+from tilepipe.io.files.identity import ChangedInputError, Files, FileState, files_of
 from tilepipe.io.rasters.raster import open_raster
 from tilepipe.io.rasters.sources import stores
 from tilepipe.io.rasters.sources.source import Source
@@ -203,3 +203,33 @@ def test_an_array_in_memory_that_was_changed_is_noticed():
     array[0, 0] = 99
     with pytest.raises(ChangedInputError, match="the array: has changed"):
         source.check()
+
+
+SECOND = 10**9
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "same"),
+    [
+        (5 * SECOND + 1, 5 * SECOND + 1000, True),
+        (5 * SECOND + 1, 5 * SECOND + 1001, False),
+        # a file system that keeps whole seconds beside one that keeps more: even seconds, rounded either way
+        (4 * SECOND, 4 * SECOND + 123, True),
+        (4 * SECOND, 6 * SECOND - 1, True),
+        (6 * SECOND - 1, 4 * SECOND, True),
+        (4 * SECOND, 6 * SECOND + 1, False),
+        (4 * SECOND, 2 * SECOND - 1, False),
+        # two of whole seconds
+        (4 * SECOND, 4 * SECOND, True),
+        (4 * SECOND, 5 * SECOND, False),
+    ],
+)
+def test_times_that_may_be_the_same_one(a, b, same):
+    large = 1 << 20
+    assert FileState(large, a, "x").is_same(FileState(large, b, "x")) == same
+    assert FileState(large, b, "x").is_same(FileState(large, a, "x")) == same
+    # of a small file all is sampled, up to eight pieces of 8 KiB
+    assert FileState(8 * (8 << 10), a, "x").is_same(FileState(8 * (8 << 10), b, "x"))
+    assert FileState(8 * (8 << 10) + 1, a, "x").is_same(FileState(8 * (8 << 10) + 1, b, "x")) == same
+    assert not FileState(large, a, "x").is_same(FileState(large, a, "y"))
+    assert not FileState(large, a, "x").is_same(FileState(large + 1, a, "x"))

@@ -234,7 +234,7 @@ def _complaint(record: Mapping[str, Any]) -> str:
             if value is not None and not check(value):
                 return f"[{table}] {_shortened(name)} must be {wanted}, not {_shown(value)}"
     for name in record.get("files", {}):
-        if name in (".", "..") or PurePath(name).name != name or "\\" in name:
+        if name in ("", "..") or PurePath(name).name != name or "\\" in name:
             return f"[files] {_shown(name)} is no name of a file in the folder of the run"
     return "a text holds the character NUL" if _holds_nul(record) else ""
 
