@@ -213,3 +213,45 @@ def test_what_is_known_of_a_file_on_a_server(monkeypatch, answer, state):
 
     monkeypatch.setattr(urllib.request, "urlopen", urlopen)
     assert remote_state("/vsicurl/https://host/a b.tif") == state
+
+
+class Bucket:
+    """What fsspec gives for a bucket."""
+
+    def __init__(self, answer: dict[str, object] | Exception) -> None:
+        self.answer = answer
+        self.stale = True
+
+    def invalidate_cache(self) -> None:
+        self.stale = False
+
+    def info(self, path: str) -> dict[str, object]:
+        assert path == "bucket/a.tif" and not self.stale
+        if isinstance(self.answer, Exception):
+            raise self.answer
+        return self.answer
+
+
+@pytest.mark.parametrize(
+    ("answer", "state"),
+    [
+        (FileNotFoundError(), (-1, 0, "")),
+        (PermissionError(), (0, 0, "")),
+        ({"size": 17, "ETag": "x", "LastModified": "today"}, (17, 0, "x today")),
+        ({"size": 17, "etag": "x", "updated": "today"}, (17, 0, "x today")),
+        ({"size": 17, "md5Hash": "x", "last_modified": "today"}, (17, 0, "x today")),
+        ({"size": None, "ETag": "x"}, (0, 0, "x")),
+        ({"size": 17}, (17, 0, "")),
+    ],
+)
+@pytest.mark.parametrize("name", ["/vsis3/bucket/a.tif", "/vsizip//vsis3/bucket/a.tif"])
+def test_what_is_known_of_a_file_in_a_bucket(monkeypatch, name, answer, state):
+    asked = []
+
+    def url_to_fs(url):
+        asked.append(url)
+        return Bucket(answer), url.partition("://")[2]
+
+    monkeypatch.setattr("fsspec.core.url_to_fs", url_to_fs)
+    assert remote_state(name) == state
+    assert asked == ["s3://bucket/a.tif"]
