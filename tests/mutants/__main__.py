@@ -28,7 +28,7 @@ def main() -> int:
     parser.add_argument("paths", nargs="*", metavar="PATH", default=PATHS, help=f"default: {' '.join(PATHS)}")
     parser.add_argument("--sample", type=int, default=400, help="mutants that are tried (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=0, help="which ones are drawn (default: %(default)s)")
-    parser.add_argument("--seconds", type=float, default=60, help="of tests for one mutant (default: %(default)s)")
+    parser.add_argument("--seconds", type=float, default=20, help="of tests for one mutant (default: %(default)s)")
     parser.add_argument("--jobs", type=int, default=1, help="copies in which tests run at once (default: %(default)s)")
     parser.add_argument("--page", type=Path, default=PAGE, help="where the page is written")
     chosen = parser.parse_args()

@@ -22,7 +22,7 @@ from tests.mutants.checkout import FAILED, ROOT, copied, run_tests
 KEPT = ROOT / ".mutants"
 """Folder of what is measured, which git ignores."""
 
-FOLDERS = ("accessor", "cli", "engine", "io", "project", "tiling")
+FOLDERS = ("accessor", "cli", "engine", "evaluate", "io", "project", "tiling")
 """Folders of the tests that are measured; those of whole pipelines take longer than all of these together."""
 
 _START = "import coverage\n\ncoverage.process_startup()\n"

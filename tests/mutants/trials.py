@@ -72,10 +72,9 @@ class Trials:
         text = path.read_text()
         here = place(ast.parse(text), mutant.line)
         tests = self.covering.tests(mutant.path, here.scope or here.lines)
-        if not tests:
-            return Outcome(mutant, UNCOVERED)
         first = self.covering.fastest(tests, self.seconds)
-        # what is kept from an earlier call, or was imported already, is seen by tests that do not run the line
+        # what is kept from an earlier call, was imported already, or ran in a process that was killed, is seen by tests
+        # of which it is not known that they run the line
         others = self.covering.tests(mutant.path, self.covering.lines[mutant.path]) - set(first)
         tried = 0
         try:
@@ -86,7 +85,7 @@ class Trials:
                     return Outcome(mutant, *ended, tried)
         finally:
             path.write_text(text)
-        return Outcome(mutant, SURVIVED, "", tried)
+        return Outcome(mutant, SURVIVED if tests else UNCOVERED, "", tried)
 
     def _run(self, tests: list[str]) -> tuple[str, str] | None:
         """How the mutant came to its end by these tests, and by which; nothing if it did not."""
