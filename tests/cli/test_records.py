@@ -155,7 +155,6 @@ SPECIAL = {
     "no day": b"a = 2021-02-30",
     "no UTF-8": b"a = '\xff'",
     "NUL": b"a = '\0'",
-    "byte order mark": b"\xef\xbb\xbf",
 }
 
 
@@ -167,6 +166,20 @@ def test_special_content_is_refused(tmp_path: Path, content: bytes) -> None:
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes of POSIX")
+@pytest.mark.parametrize("name", ["", ".", "..", "../map.tif", "/map.tif", "..\\\\map.tif"])
+def test_only_names_in_the_folder_are_files_of_a_run(tmp_path: Path, name: str) -> None:
+    path = tmp_path / RECORD
+    path.write_text(f'files."{name}" = {{size = 1, crc32 = 1}}')
+    with pytest.raises(InputError, match=r"is no name of a file in the folder of the run"):
+        read_record(path)
+
+
+def test_the_mark_of_an_encoding_is_passed_over(tmp_path: Path) -> None:
+    path = tmp_path / RECORD
+    path.write_text('command = "streets"', encoding="utf-8-sig")
+    assert read_record(path) == {"command": "streets"}
+
+
 def test_what_is_no_file_is_refused_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     os.mkfifo("pipe")

@@ -86,9 +86,18 @@ def atomic_write(final: str | os.PathLike[str]) -> Iterator[Path]:
         raise OutputError(f"cannot write {final}: {remedy}") from error
     finally:
         if folder != final.parent:
-            shutil.rmtree(folder, ignore_errors=True)
+            _remove(folder)
         if lock is not None:
             os.close(lock)
+
+
+def _remove(folder: Path) -> None:
+    """Remove a folder; an interruption waits until it is gone."""
+    try:
+        shutil.rmtree(folder, ignore_errors=True)
+    except KeyboardInterrupt:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
 
 
 def replace_file(written: Path, final: Path) -> None:

@@ -86,7 +86,8 @@ def read_toml(path: Path) -> dict[str, Any]:
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); {advice}") from None
     try:
-        return parsed_toml(content.decode())
+        # some editors begin a file with a mark of its encoding
+        return parsed_toml(content.decode("utf-8-sig"))
     # a number of too many digits is a ValueError of its own
     except (MemoryError, ValueError) as error:
         raise InputError(f"{path}: is no valid TOML ({_shortened(str(error))})") from error

@@ -14,7 +14,7 @@ from pyproj import CRS
 from tilepipe.errors import InputError
 from tilepipe.io.clouds.cloud import find_clouds
 from tilepipe.io.clouds.points import PointFilter, Returns, Value
-from tilepipe.io.files.atomic import atomic_write, check_replaceable
+from tilepipe.io.files.atomic import atomic_write, check_replaceable, clear_leftovers
 from tilepipe.io.files.paths import local_output
 from tilepipe.pipelines.points.copies import told_of_copies
 from tilepipe.pipelines.points.deal import deal_points, grid_tile
@@ -127,6 +127,8 @@ def grid_clouds(
     """
     out = local_output(out)
     check_replaceable(out)
+    # of a process that was killed when the raster was there already
+    clear_leftovers(out.parent)
     if (out.is_symlink() or out.exists()) and not overwrite:
         raise InputError(f"{out} exists; pass --overwrite to replace it")
     if not out.parent.is_dir():
@@ -151,6 +153,7 @@ def grid_clouds(
         warnings.warn(extent.warning, stacklevel=2)
     if (copied := told_of_copies(plan)) is not None:
         warnings.warn(copied, stacklevel=2)
+    copies: int | None = None
     try:
         with atomic_write(out) as raster:
             scratch = raster.parent
@@ -160,6 +163,10 @@ def grid_clouds(
                 needed = (memory - free + most) / (1 << 20)
                 raise InputError(f"gridding needs {needed:,.0f} MiB of memory; raise --memory to that")
             copies = _grid(plan, scratch, raster, sorted(counts), min(workers, free // most), told)
+    except KeyboardInterrupt:
+        # once the raster has its name, all that there was still to do is done
+        if copies is None or raster.exists():
+            raise
     except OSError as error:
         # what keeps the result from being written has been said: this is something else
         raise InputError(f"{error.filename or out}: {error.strerror or error}") from error
