@@ -327,6 +327,12 @@ def test_options_are_whole_numbers():
             RunOptions(**wrong)
 
 
+def test_more_memory_than_can_be_addressed_is_refused():
+    assert RunOptions(memory=sys.maxsize).memory == sys.maxsize
+    with pytest.raises(InputError, match="memory is more than any machine can address"):
+        RunOptions(memory=10**400)
+
+
 # --- the other commands
 
 

@@ -6,6 +6,7 @@ import math
 import operator
 import os
 import re
+import sys
 from dataclasses import dataclass
 
 from tilepipe.errors import InputError
@@ -118,6 +119,8 @@ class RunOptions:
             raise InputError(f"tile size {self.tile} is too small: use at least 1, better 1024 or more")
         if self.workers is not None and self.workers < 1:
             raise InputError(f"{self.workers} workers cannot work: use at least 1")
+        if self.memory > sys.maxsize:
+            raise InputError("memory is more than any machine can address; write for example 8GiB or 500MiB")
         if not 0 <= self.seed < 1 << 62:
             raise InputError(f"seed {self.seed} cannot be used: take a number from 0 to 2^62")
         if self.backend not in ("auto", "numpy", "cupy"):
