@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from tilepipe.engine.layers import TableLayer
-from tilepipe.engine.options import RunOptions, format_memory, parse_memory
+from tilepipe.engine.options import RunOptions, default_workers, format_memory, parse_memory
 from tilepipe.errors import InputError
 
 
@@ -86,3 +86,13 @@ def test_a_table_has_a_known_geometry() -> None:
     assert TableLayer("a", "LineString", {}, "").files == ("a.parquet", "a.gpkg", "a.fgb", "a.geojson")
     with pytest.raises(ValueError, match="table 'a' has the geometry 'Line'; use one of LineString, "):
         TableLayer("a", "Line", {}, "")  # type: ignore[arg-type]
+
+
+def test_as_many_workers_as_cores_that_this_process_may_use(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = []
+    monkeypatch.setattr("os.sched_getaffinity", lambda process: asked.append(process) or {2, 5, 7}, raising=False)
+    assert default_workers() == RunOptions().resolved_workers == 3
+    assert set(asked) == {0}, "0 is this process"
+    monkeypatch.delattr("os.sched_getaffinity")
+    monkeypatch.setattr("os.cpu_count", lambda: None)
+    assert default_workers() == 1
