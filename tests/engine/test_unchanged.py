@@ -148,8 +148,9 @@ def test_a_file_that_is_touched_half_way_stops_the_run_and_the_same_command_goes
     assert begun == list(range(9, 16))
 
 
-def test_a_change_between_the_samples_is_found_where_tiles_have_read(tmp_path):
-    """Same size and samples, another time: only reading tells that this is no touch."""
+@pytest.mark.parametrize("keeps_time", [False, True])
+def test_a_change_between_the_samples_is_found_where_tiles_have_read(tmp_path, keeps_time):
+    """Same size and samples: only reading tells that this is no touch."""
     path = write_raster(tmp_path / "a.tif", values(1))
     at_tile[9] = stop
     with pytest.raises(KeyboardInterrupt):
@@ -157,7 +158,10 @@ def test_a_change_between_the_samples_is_found_where_tiles_have_read(tmp_path):
     data = bytearray(path.read_bytes())
     place = len(data) // 8
     data[place : place + 9] = bytes(9)
+    times = path.stat()
     path.write_bytes(data)
+    if keeps_time:
+        os.utime(path, ns=(times.st_atime_ns, times.st_mtime_ns))
     at_tile.clear()
     with pytest.raises(InputError, match=r"a\.tif has changed since; start anew with --overwrite"):
         run(path, tmp_path / "run")

@@ -1,8 +1,9 @@
 """Whether a file is still the one that a run began with: its size, its time of change and samples of its content.
 
 The samples tell files apart that have the same size and time, as a copy that keeps its time has, and are the same on
-every machine.  What they cannot tell is a change of a large file between the samples that keeps size and time; as long
-as a process runs it notices that too, by the time at which the system itself last touched the file's entry.
+every machine.  What they cannot tell is a change of a large file between the samples that keeps size and time.  That is
+told by the time at which the system itself last touched the file's entry, which nobody can set; machines may see it
+differently, so it counts in the process that has asked for it, and in the record of a run as a reason to read again.
 """
 
 from __future__ import annotations
@@ -35,6 +36,8 @@ class ChangedInputError(InputError):
 class FileState:
     """What a file is: its size in bytes (-1 where there is none), its time of change in ns, a digest of its content.
 
+    ``touched`` is the time in ns at which the system last changed its entry, 0 where that is not known.
+
     Examples
     --------
     >>> from pathlib import Path
@@ -49,6 +52,11 @@ class FileState:
     size: int
     modified: int
     digest: str
+    touched: int = 0
+
+    def __reduce__(self) -> tuple[type[FileState], tuple[int, int, str]]:
+        # another machine may see the entry differently
+        return FileState, (self.size, self.modified, self.digest)
 
     def has_content_of(self, other: FileState) -> bool:
         """Whether size and samples are those of another; they may still differ between the samples."""
@@ -58,7 +66,8 @@ class FileState:
         """Whether this is the same file: of the same content as far as sampled, and not written to since."""
         # of a small file the samples are all
         whole = self.size <= _SAMPLES * _SAMPLE
-        return self.has_content_of(other) and (whole or _same_time(self.modified, other.modified))
+        touched = self.touched and other.touched and self.touched != other.touched
+        return self.has_content_of(other) and (whole or (_same_time(self.modified, other.modified) and not touched))
 
     @property
     def is_unknown(self) -> bool:
@@ -71,8 +80,8 @@ class FileState:
         return self in (MISSING, EMPTY)
 
     def text(self) -> str:
-        """Size, time and digest, for the record of an unfinished run."""
-        return f"{self.size} {self.modified} {self.digest or '-'}"
+        """Size, times and digest, for the record of an unfinished run."""
+        return f"{self.size} {self.modified}/{self.touched} {self.digest or '-'}"
 
 
 MISSING = FileState(-1, 0, "")
@@ -107,7 +116,7 @@ def file_state(name: str) -> FileState:
     try:
         entry = _entry(path)
         if path not in _seen or _seen[path][0] != entry:
-            _seen[path] = entry, FileState(entry[0], entry[1], _digest(path, entry[0]))
+            _seen[path] = entry, FileState(entry[0], entry[1], _digest(path, entry[0]), entry[2])
     except FileNotFoundError:
         return MISSING
     return _seen[path][1]

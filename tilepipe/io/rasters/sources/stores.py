@@ -12,7 +12,7 @@ import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from tilepipe.errors import InputError
 from tilepipe.io.files.identity import FileState, changed, digest_of, file_state
@@ -47,6 +47,9 @@ class StoreFiles:
         What its dimensions are, in their order in the store.
     state
         Sizes, times and samples of all files together.
+    touched
+        Digest of the times at which the system last changed their entries, which nobody can set; empty where that is
+        not known, as in another process.
     """
 
     name: str
@@ -54,14 +57,19 @@ class StoreFiles:
     variable: str
     axes: tuple[Axis, ...]
     state: tuple[int, str, str]
+    touched: str = ""
 
     is_known = True
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        # another machine may see the entries differently
+        return StoreFiles, (self.name, self.path, self.variable, self.axes, self.state)
+
     @property
     def lines(self) -> list[str]:
-        """Size, digest of the times, digest of the content and name, for the record of an unfinished run."""
+        """Size, digests of the times, digest of the content and name, for the record of an unfinished run."""
         size, times, digest = self.state
-        return [f"{size} {times} {digest} {self.path}"]
+        return [f"{size} {times}/{self.touched} {digest} {self.path}"]
 
     @property
     def content(self) -> str:
@@ -71,7 +79,7 @@ class StoreFiles:
     @property
     def stamp(self) -> str:
         """Digest of all that is known of the files."""
-        return self.state[1] + self.state[2]
+        return self.state[1] + self.touched + self.state[2]
 
     def check(self, window: Window | None = None) -> None:
         """Compare the chunks behind a window, or all files, with what they were.
@@ -84,8 +92,8 @@ class StoreFiles:
         known = _seen.get(self.path)
         if window is not None and known is not None and self._are_as(known, window):
             return
-        now, entries = _state(self.path)
-        if now == self.state:
+        now, touched, entries = _state(self.path)
+        if now == self.state and self.touched in ("", touched):
             _seen[self.path] = entries
             return
         raise changed(self.name, written=now[2] == self.state[2])
@@ -130,10 +138,10 @@ def store_files(path: Path, name: str, variable: str, axes: Sequence[Axis]) -> S
     """
     folder = os.path.abspath(path)
     try:
-        state, _seen[folder] = _state(folder)
+        state, touched, _seen[folder] = _state(folder)
     except OSError as error:
         raise InputError(f"{name}: {error.filename} cannot be read ({error.strerror})") from error
-    return StoreFiles(name, folder, variable, tuple(axes), state)
+    return StoreFiles(name, folder, variable, tuple(axes), state, touched)
 
 
 def _entry(path: str) -> tuple[int, int, int, int] | None:
@@ -144,8 +152,8 @@ def _entry(path: str) -> tuple[int, int, int, int] | None:
     return status.st_size, status.st_mtime_ns, status.st_ctime_ns, status.st_ino
 
 
-def _state(folder: str) -> tuple[tuple[int, str, str], Entries]:
-    """Size of a store, digest of its times, digest of its names, sizes and samples; and the entries of its files."""
+def _state(folder: str) -> tuple[tuple[int, str, str], str, Entries]:
+    """Size, digest of times, digest of names, sizes and samples; digest of the times of entries; the entries."""
     entries: Entries = {}
     for place, _, names in os.walk(folder):
         for name in names:
@@ -153,15 +161,17 @@ def _state(folder: str) -> tuple[tuple[int, str, str], Entries]:
             entry = _entry(path)
             if entry is not None:
                 entries[os.path.relpath(path, folder)] = entry
-    times, content = hashlib.blake2b(digest_size=8), hashlib.blake2b(digest_size=8)
+    times, touched, content = (hashlib.blake2b(digest_size=8) for _ in range(3))
     names = sorted(entries)
     # of what describes the arrays all is read, of the chunks a few
     described = [name for name in names if os.path.basename(name).startswith((".z", "zarr.json"))]
     chunks = sorted(set(names) - set(described))
     sampled = {*described, *(chunks[len(chunks) * index // _SAMPLES] for index in range(_SAMPLES) if chunks)}
     for name in names:
-        size, modified, *_ = entries[name]
+        size, modified, changed_entry, _ = entries[name]
+        touched.update(f"{name} {changed_entry}\n".encode())
         times.update(f"{name} {modified}\n".encode())
         found: FileState | None = file_state(os.path.join(folder, name)) if name in sampled else None
         content.update(f"{name} {size} {found.digest if found else ''}\n".encode())
-    return (sum(entry[0] for entry in entries.values()), times.hexdigest(), content.hexdigest()), entries
+    size = sum(entry[0] for entry in entries.values())
+    return (size, times.hexdigest(), content.hexdigest()), touched.hexdigest(), entries
