@@ -111,3 +111,61 @@ def test_there_is_room_for_one_more_process_only_if_it_fits() -> None:
     interpreter = plan(1, "processes").memory - plan(1).memory
     assert replace(found, limit=found.memory + interpreter).has_room
     assert not replace(found, limit=found.memory + interpreter - 1).has_room
+
+
+def test_a_plan_for_people_tells_widths_before_heights() -> None:
+    usual = replace(plan(2), seam_memory=3 << 20, gathered_memory=5 << 20, limit=2 << 30, elsewhere=("a.tif",))
+    assert usual.text().splitlines() == [
+        "x: 700 × 450 pixels of 1 m (0.3 Mpx), 35 tiles of 100 × 100",
+        "pass         halo (px)  read twice      memory",
+        "modest              10         44%      29 KiB",
+        "hungry              10         44%     197 KiB",
+        "export                                 171 MiB",
+        "peak memory about 680 MiB with 2 workers (libraries 500 MiB, global facts 8 MiB); limit 2.0 GiB",
+        "reads a.tif",
+    ]
+    assert plan(1).text().count(" with 1 worker (") == 1
+    more = replace(usual, most_gathered=usual.gathered_memory + 1, workers=1, wanted=2, limit=usual.memory - 1)
+    text = more.text()
+    assert ", at most 680 MiB whatever the raster holds; limit 679 MiB" in text
+    assert "\n1 worker of 2 that the cores allow: --memory holds no more" in text
+    assert text.endswith("\nthis is more than --memory allows: the run would be refused")
+    exact = replace(usual, most_gathered=usual.gathered_memory, limit=usual.memory).text()
+    assert "at most" not in exact and "refused" not in exact and "allow" not in exact
+
+
+def test_fewer_workers_hold_as_much_each() -> None:
+    three = plan(3)
+    assert [three.with_workers(count).memory for count in (1, 2, 3)] == [plan(count).memory for count in (1, 2, 3)]
+    for count in (1, 2, 3):
+        enough = three.with_workers(count).memory_with(99)
+        assert replace(three, limit=enough).workers_within(99) == count
+        assert replace(three, limit=enough - 1).workers_within(99) == count - 1
+
+
+def test_what_is_measured_is_in_the_plan() -> None:
+    """Of libraries alone a process holds hundreds of megabytes; `scripts/bench memory` compares the whole."""
+    whole = plan(1, shape=(3, 3))
+    assert whole.export_memory == (160 << 20) + 3 * (16 << 10)
+    assert whole.memory - whole.passes[1].memory - whole.export_memory - whole.seam_memory - whole.gathered_memory == (
+        500 << 20
+    )
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"passes": ()}, "declares no pass"),
+        ({"passes": (HUNGRY, HUNGRY)}, "declares the pass 'hungry' twice"),
+        ({"passes": (replace(HUNGRY, halo=-1),)}, "pass 'hungry' of pipeline 'x' has no halo"),
+        ({"passes": (replace(HUNGRY, bytes_per_pixel=-1),)}, "pass 'hungry' of pipeline 'x' has no bytes_per_pixel"),
+        ({"passes": (replace(HUNGRY, halo=0, bytes_per_pixel=0),)}, ""),
+        ({"passes": (replace(HUNGRY, halo=lambda setting: 3),)}, ""),
+    ],
+)
+def test_a_declaration_is_whole(changes: dict[str, Any], message: str) -> None:
+    if message:
+        with pytest.raises(ValueError, match=message):
+            replace(PIPELINE, **changes)
+    else:
+        assert replace(PIPELINE, **changes).passes == changes["passes"]
