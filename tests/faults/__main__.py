@@ -10,6 +10,7 @@ from collections import Counter
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
+from tests.commit import commit
 from tests.faults.points import FAULTS
 from tests.faults.scenes import SCENES
 from tests.faults.simulator import calm, disturb_seed
@@ -45,8 +46,9 @@ def _page(ended: Counter[tuple[str, str, str]], wrong: list[str], runs: int, sec
     lines = [
         "# Disturbed runs",
         "",
-        f"`python -m tests.faults --seeds {runs}`: {runs:,} small runs, each with one fault at one point (a write, "
-        f"rename, fsync, removal, allocation or tile), then resumed by the same command; {seconds / 60:.0f} minutes.",
+        f"`python -m tests.faults --seeds {runs}` at {commit()}: {runs:,} small runs, each with one fault at one point "
+        "(a write, rename, fsync, removal, allocation or tile), then resumed by the same command; "
+        f"{seconds / 60:.0f} minutes.",
         f"Runs after which something was wrong: **{len(wrong)}**.",
         "",
         "| pipeline | points in a run | fault | " + " | ".join(ways) + " |",

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 import platform
-import subprocess
 from collections import Counter
 from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
 
+from tests.commit import commit
 from tests.mutants.judged import Judgement, equivalent
 from tests.mutants.trials import KILLED, LATE, SURVIVED, UNCOVERED, Outcome
 
@@ -59,12 +59,10 @@ def page(command: str, root: Path, counts: dict[str, int], outcomes: Sequence[Ou
     known
         Mutants that are judged to change nothing.
     """
-    describe = ["git", "describe", "--always", "--dirty"]
-    commit = subprocess.run(describe, cwd=root, capture_output=True, text=True, check=False)
     lines = [
         "# Mutants",
         "",
-        f"`{command}` at {commit.stdout.strip()}; Python {platform.python_version()}, "
+        f"`{command}` at {commit(root)}; Python {platform.python_version()}, "
         f"cosmic-ray {version('cosmic-ray')}, pytest {version('pytest')}.",
         "",
         *_WHAT.splitlines(),
