@@ -99,6 +99,21 @@ def test_a_run_is_refused_from_the_first_byte_that_is_missing() -> None:
         found.check(RunOptions(memory=found.least_memory - 1))
 
 
+def test_what_is_needed_never_seems_to_be_what_is_allowed() -> None:
+    found = plan(1)
+    whole = replace(found, seam_memory=found.seam_memory + (1 << 20) - found.memory % (1 << 20))
+    allowed, needed = f"{(whole.memory >> 20) - 1} MiB", f"{whole.memory >> 20} MiB"
+    with pytest.raises(InputError, match=f"needs about {needed} but --memory is {allowed};"):
+        whole.check(RunOptions(memory=whole.memory - 1))
+    least = replace(whole, seam_memory=whole.seam_memory - whole.least_memory % (1 << 20))
+    allowed, needed = f"{(least.least_memory >> 20) - 1} MiB", f"{least.least_memory >> 20} MiB"
+    with pytest.raises(InputError, match=f"at least {needed} whatever .* --memory is {allowed};"):
+        least.check(RunOptions(memory=least.least_memory - 1))
+    large = replace(found, passes=(replace(found.passes[1], memory=3 << 20),))
+    with pytest.raises(InputError, match="about 3 MiB of the GPU's memory, which has 2 MiB;"):
+        large.check_device((3 << 20) - 1, RunOptions())
+
+
 def test_tiles_fit_into_the_memory_of_a_device_to_the_byte() -> None:
     found = plan(2)
     found.check_device(found.passes[1].memory, RunOptions())

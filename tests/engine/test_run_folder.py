@@ -513,3 +513,18 @@ def test_publication_is_on_disk_step_by_step(tmp_path: Path) -> None:
     order = [event for event in events if not event.endswith((".toml", TIMINGS)) or event == f"rename {RECORD}"]
     assert order[0] == "flush map.tif"
     assert order[-5:] == ["rename map.tif", "flush run", f"rename {RECORD}", "flush run", "remove state run"]
+
+
+def test_another_run_is_finished_first_or_given_up(tmp_path: Path) -> None:
+    begun(tmp_path / "run", "a", lambda run: (run.state / "map.tif").write_text("half"))
+    with pytest.raises(InputError) as told:
+        made(tmp_path / "run", "b")
+    record = tmp_path / "run" / STATE / RECORD
+    assert str(told.value) == (
+        f"{tmp_path / 'run'}: holds an unfinished run that differs in name; finish it with 'tilepipe run {record}', "
+        "or start anew with --overwrite"
+    )
+    assert read_record(record)["parameters"] == {"name": "a"}
+    with opened(tmp_path / "run", "b", overwrite=True) as run:
+        assert not (run.state / "map.tif").exists()
+    assert contents(made(tmp_path / "run", "b", overwrite=True)) == layers("b")

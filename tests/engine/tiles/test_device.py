@@ -10,7 +10,7 @@ import pytest
 
 from tilepipe.engine.options import RunOptions
 from tilepipe.engine.progress import Silent
-from tilepipe.engine.tiles.device import on_device
+from tilepipe.engine.tiles.device import fitting, on_device
 from tilepipe.engine.tiles.executors import open_executor
 from tilepipe.engine.tiles.passes import BoundPass, run_pass
 from tilepipe.errors import InputError
@@ -68,6 +68,27 @@ def test_other_errors_pass() -> None:
     with pytest.raises(ValueError, match="something else"):
         on_device(fails, TILE, LIMIT)
     assert len(calls) == 1
+
+
+def test_an_error_of_the_second_attempt_passes_too() -> None:
+    errors = iter([DeviceMemoryError("out of memory"), ValueError("something else")])
+
+    def fails() -> None:
+        raise next(errors)
+
+    with pytest.raises(ValueError, match="something else"):
+        on_device(fails, TILE, LIMIT)
+
+
+@pytest.mark.parametrize("backend", ["numpy", "cupy"])
+def test_what_is_no_tile_must_fit_as_well(backend) -> None:
+    with fitting("the seams", "use fewer", backend):
+        pass
+    with pytest.raises(ValueError, match="something else"), fitting("the seams", "use fewer", backend):
+        raise ValueError("something else about memory")
+    told = r"^the memory of the GPU, or --memory, is too small for the seams; use fewer$"
+    with pytest.raises(InputError, match=told), fitting("the seams", "use fewer", backend):
+        raise DeviceMemoryError("out of memory")
 
 
 def facts_on_device(context: int, tile: Tile) -> Facts:
