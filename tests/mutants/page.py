@@ -20,10 +20,10 @@ _CONFIDENCE = 1.959964
 _WHAT = """\
 Each mutant is one small change of the code (an operator, a number, a condition, a decorator), tried by the tests that
 run its line and, where it survives them, by others that run its file. A test that takes ten times as long as it should
-has seen it too. Left out are annotations and `TYPE_CHECKING`, which nothing runs, `strict` of `zip`, which asserts that
-lengths agree, and equality that becomes identity, which depends on the interpreter. *Equivalent* are those in
-`tests/mutants/judged.toml`, which nobody could see; the score is of the others, with its 95 % interval (Wilson). *Not
-covered* counts as survived.
+has seen it too. Left out are annotations and `TYPE_CHECKING`, which nothing runs, `strict` of `zip` and `frozen` of
+`dataclass`, which only assert, and equality that becomes identity, which depends on the interpreter. *Equivalent* are
+those in `tests/mutants/judged.toml`, which nobody could see; the score is of the others, with its 95 % interval
+(Wilson). *Not covered* counts as survived.
 """
 
 

@@ -10,6 +10,9 @@ _Function = ast.FunctionDef | ast.AsyncFunctionDef
 _Position = tuple[int, int]
 
 
+_ASSERTIONS = {("zip", "strict"), ("dataclass", "frozen")}
+
+
 @dataclass(frozen=True)
 class Place:
     """A statement.
@@ -53,7 +56,8 @@ def of_no_effect(tree: ast.Module, text: str) -> list[tuple[_Position, _Position
     """Begin and end (line from 1, column of characters) of what changes nothing that a right program does.
 
     These are annotations, which ``from __future__ import annotations`` leaves as text, what only checkers of
-    types read, below ``if TYPE_CHECKING``, and ``strict`` of `zip`, which asserts that lengths agree.
+    types read, below ``if TYPE_CHECKING``, and two assertions: ``strict`` of `zip`, that lengths agree, and ``frozen``
+    of `dataclass`, that nobody changes a value.
     """
     found: list[ast.AST] = []
     for node in ast.walk(tree):
@@ -63,8 +67,8 @@ def of_no_effect(tree: ast.Module, text: str) -> list[tuple[_Position, _Position
             found.append(node.returns)
         elif isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING":
             found.append(node)
-        elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "zip":
-            found.extend(each.value for each in node.keywords if each.arg == "strict")
+        elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+            found.extend(each.value for each in node.keywords if (node.func.id, each.arg) in _ASSERTIONS)
     lines = text.splitlines()
     return [(_characters(lines, *_begin(node)), _characters(lines, *_end(node))) for node in found]
 
