@@ -80,20 +80,23 @@ def _run(request: dict[str, Any]) -> int:
     import pytest
 
     code = int(pytest.main(request["arguments"]))
-    of_others = [
+    variables = {name: value for name, value in os.environ.items() if name.startswith("NUMBA_")}
+    modules = [
         name
         for name, module in list(sys.modules.items())
         if "site-packages" in (getattr(module, "__file__", None) or "") and not name.endswith("__main__")
     ]
-    Path(request["loaded"]).write_text(json.dumps(of_others))
+    Path(request["loaded"]).write_text(json.dumps([variables, modules]))
     return code
 
 
 def _load(listed: Path) -> None:
-    """Load what the last run has loaded of others, but numba, which looks at variables that the tests set first."""
+    """Load what the last run has loaded of others; numba then looks at variables that the tests have set."""
     with suppress(OSError, ValueError):
-        for name in json.loads(listed.read_text()):
-            if name not in sys.modules and not name.startswith("numba"):
+        variables, modules = json.loads(listed.read_text())
+        os.environ |= variables
+        for name in modules:
+            if name not in sys.modules:
                 with suppress(Exception):
                     importlib.import_module(name)
 
