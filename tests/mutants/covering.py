@@ -178,9 +178,7 @@ def _joined(copy: Path, folder: Path, notes: dict[str, dict[str, Any]]) -> dict[
             known = lines.setdefault(str(Path(file).relative_to(copy)), {})
             for line, contexts in data.contexts_by_lineno(file).items():
                 for context in contexts:
-                    # static contexts, of child processes, stand before the dynamic ones
-                    for part in context.split("|"):
-                        known.setdefault(line, set()).update(users.get(_PHASE.sub("", part), ()))
+                    known.setdefault(line, set()).update(users.get(_PHASE.sub("", context), ()))
     return {
         "seconds": {name: note["seconds"] for name, note in notes.items()},
         "lines": {path: {line: sorted(each) for line, each in known.items()} for path, known in lines.items()},

@@ -55,7 +55,8 @@ def test_begun():
     assert begun() == 3
 
 
-def test_first(shared):
+@pytest.mark.parametrize("sign", ["|"])
+def test_first(shared, sign):
     assert larger(1, 0) == 1
 
 
@@ -92,9 +93,9 @@ def names(tests):
 
 def test_lines_know_the_tests_that_run_them(tiny):
     covering = tiny.covering
-    assert names(covering.seconds) == {"begun", "first", "second", "another_process"}
-    assert names(covering.tests("small.py", [7])) == {"first", "another_process"}
-    assert names(covering.tests("small.py", [21])) == {"first", "second"}  # by the fixture of the module
+    assert names(covering.seconds) == {"begun", "first[|]", "second", "another_process"}
+    assert names(covering.tests("small.py", [7])) == {"first[|]", "another_process"}
+    assert names(covering.tests("small.py", [21])) == {"first[|]", "second"}  # by the fixture of the module
     assert covering.tests("small.py", [11]) == set()
 
 
@@ -108,7 +109,7 @@ def test_of_the_fastest_tests_those_of_few_lines_come_first_and_those_of_a_file_
 @pytest.mark.parametrize(
     ("line", "before", "after", "ended", "by"),
     [
-        (7, "a > b", "a < b", KILLED, {"first", "another_process"}),
+        (7, "a > b", "a < b", KILLED, {"first[|]", "another_process"}),
         (7, "a > b", "a >= b", SURVIVED, {""}),
         (11, "a + 1", "a - 1", UNCOVERED, {""}),
         (3, "MOST = 3", "MOST = 4", KILLED, {"begun"}),
