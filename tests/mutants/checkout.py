@@ -106,4 +106,6 @@ def environment(copy: Path) -> dict[str, str]:
         "CI": "1",
         "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1",
     }
-    return {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"} | own
+    # the test that runs here, should one do so, is none of the copy's
+    without = ("PYTHONDONTWRITEBYTECODE", "PYTEST_CURRENT_TEST")
+    return {name: value for name, value in os.environ.items() if name not in without} | own
