@@ -11,7 +11,7 @@ import xarray as xr
 from numpy.typing import DTypeLike, NDArray
 
 from tilepipe.errors import InputError
-from tilepipe.io.rasters.packing import Packing, packing_of
+from tilepipe.io.rasters.packing import HOW_STORED, Packing, packing_of
 from tilepipe.io.rasters.sources.arrays import ARRAY, check_chunks
 from tilepipe.io.rasters.sources.axes import map_order, rows_first
 from tilepipe.tiling.grid import Tile, TileGrid, Window
@@ -20,8 +20,6 @@ BlockFunction = Callable[[NDArray[Any], Tile], NDArray[Any]]
 """From a block with its halo to the values of its core."""
 
 _NODATA = ("_FillValue", "missing_value", "fill_value", "nodata", "nodatavals")
-_SCALES = ("scale_factor", "add_offset", "scales", "offsets")
-_VALID = ("valid_range", "valid_min", "valid_max")
 _STORAGE = ("dtype", "rasterio_dtype", "_Unsigned")
 
 
@@ -75,9 +73,9 @@ class BlockOperators:
         """
         result = self._array.copy(data=data).rename(name)
         marked = any(key in result.attrs or key in result.encoding for key in _NODATA)
-        for key in _NODATA + _SCALES + _VALID:
+        for key in _NODATA + HOW_STORED:
             result.attrs.pop(key, None)
-        for key in _NODATA + _SCALES + _VALID + _STORAGE:
+        for key in _NODATA + HOW_STORED + _STORAGE:
             result.encoding.pop(key, None)
         nodata = np.nan if result.dtype.kind == "f" else nodata
         if marked and nodata is not None:

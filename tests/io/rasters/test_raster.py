@@ -610,7 +610,7 @@ def test_a_raster_can_be_sent(tmp_path):
     [
         ("a.tif", "copy the file anew"),
         ("/vsizip/a.zip/b.tif", "pack the file anew"),
-        ("/vsizip//work/a.zip/b.tif", "pack the file anew"),
+        ("/vsizip//zones/a.zip/b.tif", "pack the file anew"),
         ("/vsizip//data/a.zip/b.tif", "pack the file anew"),
         ("/vsicurl/https://host/a.tif", "check the network and run the same command again"),
     ],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import BinaryIO
 
 import laspy
 import lazrs
@@ -37,34 +38,32 @@ def held_points(path: Path) -> tuple[int, int] | None:
     with path.open("rb") as file:
         header = laspy.LasHeader.read_from(file)
         if header.are_points_compressed:
-            return _in_chunks(path, header)
-        ends = [path.stat().st_size]
+            return _in_chunks(file, header)
+    first, behind = header.offset_to_point_data, [header.start_of_waveform_data_packet_record]
     if header.number_of_evlrs:
-        ends.append(header.start_of_first_evlr)
-    ends.append(header.start_of_waveform_data_packet_record)
+        behind.append(header.start_of_first_evlr)
     # a place before the points, such as 0, names nothing
-    end = min(end for end in ends if end >= header.offset_to_point_data or end == ends[0])
-    room = max(0, end - header.offset_to_point_data) // header.point_format.size
+    end = min([path.stat().st_size, *(place for place in behind if place >= first)])
+    room = max(0, end - first) // header.point_format.size
     return room, room
 
 
-def _in_chunks(path: Path, header: laspy.LasHeader) -> tuple[int, int] | None:
-    with path.open("rb") as file:
-        file.seek(header.offset_to_point_data)
-        try:
-            described = lazrs.LazVlr(header.vlrs.get("LasZipVlr")[0].record_data)
-            table = lazrs.read_chunk_table(file, described)
-        except (lazrs.LazrsError, OSError, IndexError):
-            return None
-        if not table:
-            return 0, 0
-        if described.uses_variable_size_chunks():
-            total = sum(points for points, _ in table)
-            return total, total
-        whole = (len(table) - 1) * described.chunk_size()
-        if header.point_format.id < _LAYERED:
-            return whole + 1, whole + described.chunk_size()
-        # the first point stands as it is, and the number of points behind it
-        file.seek(sum(size for _, size in table[:-1]) + described.item_size(), 1)
-        last = int.from_bytes(file.read(4), "little")
-        return whole + last, whole + last
+def _in_chunks(file: BinaryIO, header: laspy.LasHeader) -> tuple[int, int] | None:
+    file.seek(header.offset_to_point_data)
+    try:
+        described = lazrs.LazVlr(header.vlrs.get("LasZipVlr")[0].record_data)
+        table = lazrs.read_chunk_table(file, described)
+    except (lazrs.LazrsError, OSError, IndexError):
+        return None
+    if not table:
+        return 0, 0
+    if described.uses_variable_size_chunks():
+        total = sum(points for points, _ in table)
+        return total, total
+    whole = (len(table) - 1) * described.chunk_size()
+    if header.point_format.id < _LAYERED:
+        return whole + 1, whole + described.chunk_size()
+    # the first point stands as it is, and the number of points behind it
+    file.seek(sum(size for _, size in table[:-1]) + described.item_size(), 1)
+    last = int.from_bytes(file.read(4), "little")
+    return whole + last, whole + last

@@ -30,8 +30,11 @@ _REMOTE = re.compile(r"/vsi(curl|s3|gs|az|adls|oss|swift|hdfs|webhdfs)(_streamin
 
 _ARCHIVE = re.compile(r"/vsi(zip|7z|rar|tar|gzip|sparse)/")
 
-_OF_A_STORE = ("zarr.json", ".zarray", ".zgroup")
-"""What the names of files end with that only a Zarr store has."""
+OF_A_STORE = ("zarr.json", ".zarray", ".zgroup")
+"""Names of the files that describe a Zarr store and each array in it, and that nothing else has."""
+
+SIDE = ".aux.xml"
+"""What follows the name of a raster in that of the file beside it."""
 
 _MEMBERS = 3
 """Members of an archive that a message names."""
@@ -144,7 +147,7 @@ def _only_member(archive: str) -> str:
         raise InputError(f"{archive}: is no ZIP archive, or is damaged ({error}); unpack or pack it anew") from None
     if not names:
         raise InputError(f"{archive}: is an empty archive; pack it anew")
-    if any(name.endswith(_OF_A_STORE) for name in names):
+    if any(name.endswith(OF_A_STORE) for name in names):
         raise InputError(f"{archive}: holds a Zarr store, which is not read in an archive; unpack it, name its folder")
     rasters = [name for name in names if name.lower().endswith((".tif", ".tiff", ".vrt"))] if len(names) > 1 else names
     if len(rasters) != 1:
@@ -234,10 +237,6 @@ def local_output(out: str | os.PathLike[str]) -> Path:
 def one_line(error: Exception) -> str:
     """The beginning of an error of another library, to be quoted in a message."""
     return next((line.strip() for line in str(error).splitlines() if line.strip()), type(error).__name__)
-
-
-SIDE = ".aux.xml"
-"""What follows the name of a raster in that of the file beside it."""
 
 
 def side_file(raster: Path) -> Path:

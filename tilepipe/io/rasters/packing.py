@@ -15,6 +15,9 @@ from tilepipe.io.rasters.validity import Mask, decoded, is_colour, is_nodata, vo
 if TYPE_CHECKING:
     import xarray as xr
 
+HOW_STORED = ("scale_factor", "add_offset", "scales", "offsets", "valid_range", "valid_min", "valid_max")
+"""Attributes that tell what stored values mean, beside those of nodata; what is computed of the values has none."""
+
 _PACKED = (("scale_factor", 1.0), ("add_offset", 0.0))
 """Attributes of a packed array, and what they are where it has none."""
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tilepipe.errors import InputError
-from tilepipe.io.files.paths import is_local, one_line
+from tilepipe.io.files.paths import OF_A_STORE, is_local, one_line
 from tilepipe.io.rasters.bands import Choice
 from tilepipe.io.rasters.sources.arrays import ArraySource, array_source
 from tilepipe.io.rasters.sources.axes import with_usual_names
@@ -16,9 +16,6 @@ from tilepipe.io.rasters.sources.stores import Axis, store_files
 
 if TYPE_CHECKING:
     import xarray as xr
-
-_DESCRIBED = ("zarr.json", ".zarray", ".zgroup")
-"""Files that describe a store and each array in it."""
 
 
 def zarr_source(path: str, *, crs: str | None, choice: Choice) -> ArraySource:
@@ -53,7 +50,7 @@ def _opened(path: str) -> xr.Dataset:
             raise InputError(
                 f"{path}: is no Zarr store that can be read ({reason}); check the address and the network"
             ) from error
-        if any(Path(path, name).exists() for name in _DESCRIBED):
+        if any(Path(path, name).exists() for name in OF_A_STORE):
             raise InputError(
                 f"{path}: is no Zarr raster that can be read ({reason}); write it anew, with xarray or as GeoTIFF, "
                 f"for example with: gdal_translate {shlex.quote(path)} OUT.tif"
